@@ -8,7 +8,7 @@ its own best times, and when what is left of the input's effect in the interval 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -17,18 +17,17 @@ import numpy.typing as npt
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
 from aircraft_sysid_ros.diagnosis.failures.axis_relation import (
     ENGINE,
-    Acting,
     relations_of,
     with_bend,
     with_turns,
     without_engine,
 )
-from aircraft_sysid_ros.diagnosis.failures.episode import Episode, Times, times_of
-from aircraft_sysid_ros.diagnosis.failures.failure_search import BEFORE, FailureSearch, Judged, columns_of
+from aircraft_sysid_ros.diagnosis.failures.failure import Failure, FailureReport, described
+from aircraft_sysid_ros.diagnosis.failures.failure_search import BEFORE, FailureSearch, Judged
 from aircraft_sysid_ros.diagnosis.failures.force_balance import WIDEST, ForceBalance, force_balance
-from aircraft_sysid_ros.diagnosis.failures.held_out import held_out_errors
-from aircraft_sysid_ros.diagnosis.failures.interval_search import CONSTANT, FROZEN, HELD, NIL, PART
-from aircraft_sysid_ros.diagnosis.failures.unrecorded_change import UnrecordedChange, unrecorded_change
+from aircraft_sysid_ros.diagnosis.failures.interval_search import CONSTANT, FROZEN, NIL, PART
+from aircraft_sysid_ros.diagnosis.failures.unrecorded_change import unrecorded_change
+from aircraft_sysid_ros.diagnosis.failures.verdict import ENGINE_TIME, dated, is_long_enough, keeps_part, named
 from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.processes import in_parallel
@@ -42,83 +41,14 @@ ENGINE_BAND = 1.0
 QUICK_BAND = 2.0
 #: Leads [s] of the recorded inputs that are tried: commands run ahead of what they move.
 LEADS = (0.0, 0.06, 0.12, 0.2)
-#: Share of its effect that an input may keep, by estimate and with two standard errors, to be called stuck.
-MOST_LEFT, MOST_LEFT_AT_ALL = 0.35, 0.7
-#: Share of the usual thrust below which it is called lost, and of what the throttle does up to which it is.
-THRUST_LEFT, THROTTLE_LEFT = 0.35, 0.5
-#: Shortest time [s] without thrust, and without a surface: what is shorter may be a manoeuvre. In a clean flight
-#: (failure_flights.py, seed 8700007) an elevator had seemed to be held for the 3 s before it pushed.
-ENGINE_TIME, SURFACE_TIME = 8.0, 6.0
-#: Moments in which a surface that is told to be far from where it stays is seen for a shorter time all the same, and
-#: the evidence of each: in one, an aeroplane that stalls does not answer either.
-SHORT_AXES, SHORT_EVIDENCE = 2, 30.0
-#: Share of its effect that an input keeps which lost part of it, with two standard errors to either side.
-LEAST_PART, MOST_PART = 0.15, 0.75
 #: A throttle stands at its lowest within this share of its range; before it was cut it was there so seldom (share).
 IDLE, USUALLY_IDLE = 0.02, 0.05
 #: Forces that agree with a throttle that was cut: within this time [s], and with this evidence.
 CUT_TIME, CUT_EVIDENCE = 3.0, 5.0
-#: Or so many of its usual standard deviations away from where it stays an input must have been told to be.
-FAR = 3.0
-#: Share of its usual motion that an input must be told to make meanwhile: less may be the noise of its record, which no
-#: aeroplane answers. In the quiet hours of a jet at 10 Hz (benchmarks/trimmed_jet.py, seeds 437 and 448, on which this
-#: was made) ailerons that moved by an eighth seemed to be stuck.
-LEAST_MOTION = 0.25
 #: ln of the likelihood that the model loses without an input which a flight tells: that of five standard errors.
 SHOWN = 12.5
-#: Share of the evidence from which the other form of a balance is as telling of a time.
-AS_TELLING = 0.5
 #: The angle of flow that each moment rests on.
 _ANGLES = {"Cl": "beta", "Cm": "alpha", "Cn": "beta"}
-
-
-@dataclass(frozen=True, kw_only=True)
-class Failure(Episode):
-    """One input that stopped acting, or that lost part of its effect."""
-
-    name: str  # of the input, or ENGINE
-    kind: str
-    left: float  # share of its effect that the input keeps
-    left_std: float
-    level: float  # at which the input seems to stay; of an engine as a share of what was asked for
-    asked: float  # what was recorded meanwhile, the mean
-    usual: float  # standard deviation of the input at other times
-    moved: float  # and meanwhile
-    recorded: bool = False  # the recorded input says so itself: the throttle was cut
-    rivals: tuple[str, ...] = ()  # what explains it nearly as well
-
-    @property
-    def is_loss_of_thrust(self) -> bool:
-        """The engine makes nothing."""
-        return self.name == ENGINE and not self.level > THRUST_LEFT
-
-
-@dataclass(frozen=True)
-class FailureReport:
-    """What the forces of a flight say of its inputs."""
-
-    found: tuple[Failure, ...]  # one at most
-    changed: UnrecordedChange | None  # where no input that failed is named
-    unlike: tuple[Failure, ...]  # inputs that surely do not do the same throughout, where neither is: how is not told
-    tried: tuple[str, ...]  # inputs
-    shown: frozenset[str]  # those of them whose effect this flight shows, so that a failure would be seen
-    judged: tuple[str, ...]  # axes
-    not_judged: dict[str, str]  # axes, and why
-    balance: ForceBalance = field(repr=False)
-
-    @property
-    def says_something(self) -> bool:
-        """Whether anything failed or changed."""
-        return bool(self.found) or self.changed is not None or self.unexplained is not None
-
-    @property
-    def unexplained(self) -> Failure | None:
-        """An input that does something else from one time on to the end of the flight, as what breaks does.
-
-        What is over again is no verdict: of 24 clean flights (JSBSim) four had that, in turns and manoeuvres.
-        """
-        lasting = [failure for failure in self.unlike if [times.end for times in failure.times] == [None]]
-        return next((failure for failure in lasting if failure.size >= THRESHOLDS.unrecorded_size), None)
 
 
 class _Form(NamedTuple):
@@ -221,7 +151,7 @@ def failures_of(
             unlike.append(searched.unlike)
     found.sort(key=lambda item: -item[1].evidence)
     best = [
-        _dated(failure, [other for _, other in found[1:]])
+        dated(failure, [other for _, other in found[1:]])
         for form, failure in found[:1]
         if failure.recorded or _leads(failure, form, evidence, constants)
     ]
@@ -247,10 +177,10 @@ def _searched(job: _Job) -> _Searched:
     failure, unlike = part, None
     sure = None if part else _of_input(form, tried)
     if sure is not None:
-        described = _described(form.balance, form.search, sure)
-        failure = _named(described, sure, constant)
-        if failure is None and name != ENGINE and _is_long_enough(described):
-            unlike = described
+        failed = described(form.balance, form.search, sure)
+        failure = named(failed, sure, constant)
+        if failure is None and name != ENGINE and is_long_enough(failed):
+            unlike = failed
     if failure is None and name == ENGINE:
         failure = _cut(form.balance)
     evidence = tried.evidence if part is None else part.evidence
@@ -275,10 +205,8 @@ def _weakened(form: _Form, name: str, others: float) -> Failure | None:
         return None
     if not _holds(form, best, THRESHOLDS.part_evidence):
         return None
-    failure = _described(form.balance, form.search, best)
-    low, high = failure.left - 2.0 * failure.left_std, failure.left + 2.0 * failure.left_std
-    told = low > LEAST_PART and high < MOST_PART and failure.moved >= LEAST_MOTION * failure.usual
-    return failure if told and failure.size >= THRESHOLDS.size and _is_long_enough(failure) else None
+    failure = described(form.balance, form.search, best)
+    return failure if keeps_part(failure) else None
 
 
 def _holds(form: _Form, judged: Judged, least: float) -> bool:
@@ -298,20 +226,6 @@ def _holds(form: _Form, judged: Judged, least: float) -> bool:
     return FailureSearch(relations, search.step).judged(hypothesis).evidence >= least
 
 
-def _is_long_enough(failure: Failure) -> bool:
-    """Whether it lasts longer than a manoeuvre, or several moments tell that a surface did not follow one."""
-    least = ENGINE_TIME if failure.name == ENGINE else SURFACE_TIME
-    if any(times.end is None or times.end - times.begin > least for times in failure.times):
-        return True
-    told = sum(gain > SHORT_EVIDENCE for gain in failure.gains.values())
-    return failure.name != ENGINE and _is_far(failure) and told >= SHORT_AXES
-
-
-def _is_far(failure: Failure) -> bool:
-    """Whether an input was told to be far from where it stays."""
-    return abs(failure.asked - failure.level) > FAR * failure.usual
-
-
 def _leads(
     failure: Failure, own_form: _Form, evidence: Mapping[str, float], constants: Iterable[tuple[_Form, Judged]]
 ) -> bool:
@@ -328,23 +242,6 @@ def _leads(
         for form, constant in constants
         if form is not own_form or constant.gains.keys() != failure.gains.keys()
     )
-
-
-def _dated(failure: Failure, others: Iterable[Failure]) -> Failure:
-    """With times whose errors hold what the other form of the balance says of the input, where it is as telling."""
-    for other in (o for o in others if o.name == failure.name and o.evidence > AS_TELLING * failure.evidence):
-        if len(other.times) == len(failure.times):
-            pairs = zip(failure.times, other.times, strict=True)
-            failure = replace(failure, times=tuple(_agreeing(times, others) for times, others in pairs))
-    return failure
-
-
-def _agreeing(times: Times, other: Times) -> Times:
-    """Times whose errors hold another look at them."""
-    times = times._replace(begin_error=max(times.begin_error, abs(other.begin - times.begin)))
-    if times.end is None or other.end is None:
-        return times
-    return times._replace(end_error=max(times.end_error, abs(other.end - times.end)))
 
 
 def _is_unseen(constant: Judged, balance: ForceBalance) -> bool:
@@ -395,16 +292,6 @@ def _of_input(form: _Form, best: Judged) -> Judged | None:
     return None if best.evidence < form.least or not _holds(form, best, form.least) else best
 
 
-def _named(failure: Failure, sure: Judged, constant: Judged) -> Failure | None:
-    """What is sure of an input, with what else it could be, if it is enough to be named.
-
-    ``constant``: the best that another constant of the same axes explains.
-    """
-    if failure.size < THRESHOLDS.size or not _is_told(failure, sure.score - constant.score):
-        return None
-    return replace(failure, rivals=_rivals(failure, sure, constant))
-
-
 def _cut(balance: ForceBalance) -> Failure | None:
     """Thrust that is gone for the rest of the flight with the throttle, while the aeroplane would need it.
 
@@ -424,72 +311,12 @@ def _cut(balance: ForceBalance) -> Failure | None:
         return None
     search = FailureSearch({"CX": without_engine(balance)}, balance.step)
     best = search.best(ENGINE, CONSTANT)
-    failure = _described(balance, search, best)
+    failure = described(balance, search, best)
     step = float(search.fitted("CX", best.hypothesis).parameters[-1])
     lost = best.evidence > CUT_EVIDENCE and best.hypothesis.lasts(search.count) and step < 0.0
     if not lost or abs(best.hypothesis.begin - begin) * balance.step > CUT_TIME:
         return None
     return replace(failure, level=0.0, left=0.0, left_std=0.0, recorded=True)
-
-
-def _rivals(failure: Failure, best: Judged, constant: Judged) -> tuple[str, ...]:
-    """What explains the flight nearly as well."""
-    if constant.score < best.score - THRESHOLDS.failure_lead:
-        return ()
-    return ("landing_gear", "parameter_change") if failure.name == ENGINE else ("parameter_change",)
-
-
-def _is_told(failure: Failure, ahead: float) -> bool:
-    """Whether it is the input, and not another constant in the same axes that is ``ahead`` in ln of the likelihood."""
-    if failure.name == ENGINE:
-        lost = failure.is_loss_of_thrust and failure.left < THROTTLE_LEFT and ahead > -THRESHOLDS.failure_lead
-        return lost and _is_long_enough(failure)
-    if not _is_long_enough(failure):
-        return False
-    gone = abs(failure.left) < MOST_LEFT and failure.left + 2.0 * failure.left_std < MOST_LEFT_AT_ALL
-    shown = failure.moved >= LEAST_MOTION * failure.usual
-    is_there = failure.left - 2.0 * failure.left_std > MOST_LEFT  # it acts, and does so surely
-    return ((gone and shown) or (_is_far(failure) and not is_there)) and ahead > 0.0
-
-
-def _described(balance: ForceBalance, search: FailureSearch, judged: Judged) -> Failure:
-    """A hypothesis in numbers, those of the axis that it explains most of."""
-    hypothesis = judged.hypothesis
-    axis = max(judged.gains, key=lambda a: judged.gains[a])
-    relation, failed = search.relations[axis], hypothesis.share(search.count)
-    acting = relation.acting[hypothesis.name]
-    at, fitted = list(acting.columns), search.fitted(axis, hypothesis)
-    is_part = hypothesis.kind == PART
-    still = acting.idle if hypothesis.kind == NIL else acting.frozen
-    asked = float(np.sum(failed * acting.values) / np.sum(failed))
-    usual, moved = (
-        float(np.sqrt(np.cov(acting.values, aweights=np.clip(share, 1e-6, 1.0)))) for share in (1.0 - failed, failed)
-    )
-    moving = failed * ((relation.columns[:, at] - still) @ fitted.parameters[at])
-    columns = relation.columns if is_part else columns_of(relation, hypothesis)
-    constant = [failed * acting.per_unit[:, 0]] if is_part else []
-    with_rest = search.fit(axis, np.column_stack([columns, *constant, moving]))
-    errors = {a: held_out_errors(search, hypothesis, a) for a in judged.gains}
-    before, after = errors[axis]
-    level = _level(judged, acting, asked, failed, fitted.parameters)
-    return Failure(
-        name=hypothesis.name, kind=hypothesis.kind, times=times_of(search, judged, float(balance.time[0])),
-        evidence=judged.evidence, gains=dict(judged.gains), main_axis=axis, size=1.0 - after / before,
-        errors=errors, left=float(is_part + with_rest.parameters[-1]),
-        left_std=float(with_rest.std[-1]), level=level, asked=asked, usual=usual, moved=moved,
-    )  # fmt: skip
-
-
-def _level(judged: Judged, acting: Acting, asked: float, failed: Array, parameters: Array) -> float:
-    """Where the input seems to stay; of an engine as a share of what the throttle asked for."""
-    if judged.hypothesis.kind == NIL:
-        return 0.0
-    if judged.hypothesis.kind == HELD:
-        return judged.hypothesis.level
-    effect = float(failed @ acting.per_unit @ parameters[list(acting.columns)]) if acting.columns else 0.0
-    if effect == 0.0 or not asked > 0.0:
-        return np.nan
-    return (acting.mean + float(parameters[-1]) * float(failed @ acting.per_unit[:, 0]) / effect) / asked
 
 
 def _not_judged(balance: ForceBalance, judged: tuple[str, ...]) -> dict[str, str]:

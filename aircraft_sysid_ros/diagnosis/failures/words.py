@@ -11,7 +11,7 @@ from aircraft_sysid_ros.aircraft.expression import parse_expression
 from aircraft_sysid_ros.aircraft.signals import CONTROL_WORDS, SURFACE_WORDS
 from aircraft_sysid_ros.diagnosis.failures.axis_relation import ENGINE
 from aircraft_sysid_ros.diagnosis.failures.episode import Episode, Times
-from aircraft_sysid_ros.diagnosis.failures.failures import Failure, FailureReport
+from aircraft_sysid_ros.diagnosis.failures.failure import Failure, FailureReport
 from aircraft_sysid_ros.diagnosis.failures.interval_search import PART
 from aircraft_sysid_ros.diagnosis.failures.unrecorded_change import UnrecordedChange
 from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS

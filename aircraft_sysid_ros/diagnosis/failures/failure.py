@@ -1,0 +1,111 @@
+"""A control or an engine that failed in a flight, in numbers, and what is said of all of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+
+from aircraft_sysid_ros.diagnosis.failures.axis_relation import ENGINE, Acting
+from aircraft_sysid_ros.diagnosis.failures.episode import Episode, times_of
+from aircraft_sysid_ros.diagnosis.failures.failure_search import FailureSearch, Judged, columns_of
+from aircraft_sysid_ros.diagnosis.failures.force_balance import ForceBalance
+from aircraft_sysid_ros.diagnosis.failures.held_out import held_out_errors
+from aircraft_sysid_ros.diagnosis.failures.interval_search import HELD, NIL, PART
+from aircraft_sysid_ros.diagnosis.failures.unrecorded_change import UnrecordedChange
+from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS
+
+Array = npt.NDArray[np.float64]
+
+#: Share of the usual thrust below which it is called lost.
+THRUST_LEFT = 0.35
+
+
+@dataclass(frozen=True, kw_only=True)
+class Failure(Episode):
+    """One input that stopped acting, or that lost part of its effect."""
+
+    name: str  # of the input, or ENGINE
+    kind: str
+    left: float  # share of its effect that the input keeps
+    left_std: float
+    level: float  # at which the input seems to stay; of an engine as a share of what was asked for
+    asked: float  # what was recorded meanwhile, the mean
+    usual: float  # standard deviation of the input at other times
+    moved: float  # and meanwhile
+    recorded: bool = False  # the recorded input says so itself: the throttle was cut
+    rivals: tuple[str, ...] = ()  # what explains it nearly as well
+
+    @property
+    def is_loss_of_thrust(self) -> bool:
+        """The engine makes nothing."""
+        return self.name == ENGINE and not self.level > THRUST_LEFT
+
+
+@dataclass(frozen=True)
+class FailureReport:
+    """What the forces of a flight say of its inputs."""
+
+    found: tuple[Failure, ...]  # one at most
+    changed: UnrecordedChange | None  # where no input that failed is named
+    unlike: tuple[Failure, ...]  # inputs that surely do not do the same throughout, where neither is: how is not told
+    tried: tuple[str, ...]  # inputs
+    shown: frozenset[str]  # those of them whose effect this flight shows, so that a failure would be seen
+    judged: tuple[str, ...]  # axes
+    not_judged: dict[str, str]  # axes, and why
+    balance: ForceBalance = field(repr=False)
+
+    @property
+    def says_something(self) -> bool:
+        """Whether anything failed or changed."""
+        return bool(self.found) or self.changed is not None or self.unexplained is not None
+
+    @property
+    def unexplained(self) -> Failure | None:
+        """An input that does something else from one time on to the end of the flight, as what breaks does.
+
+        What is over again is no verdict: of 24 clean flights (JSBSim) four had that, in turns and manoeuvres.
+        """
+        lasting = [failure for failure in self.unlike if [times.end for times in failure.times] == [None]]
+        return next((failure for failure in lasting if failure.size >= THRESHOLDS.unrecorded_size), None)
+
+
+def described(balance: ForceBalance, search: FailureSearch, judged: Judged) -> Failure:
+    """A hypothesis in numbers, those of the axis that it explains most of."""
+    hypothesis = judged.hypothesis
+    axis = max(judged.gains, key=lambda a: judged.gains[a])
+    relation, failed = search.relations[axis], hypothesis.share(search.count)
+    acting = relation.acting[hypothesis.name]
+    at, fitted = list(acting.columns), search.fitted(axis, hypothesis)
+    is_part = hypothesis.kind == PART
+    still = acting.idle if hypothesis.kind == NIL else acting.frozen
+    asked = float(np.sum(failed * acting.values) / np.sum(failed))
+    usual, moved = (
+        float(np.sqrt(np.cov(acting.values, aweights=np.clip(share, 1e-6, 1.0)))) for share in (1.0 - failed, failed)
+    )
+    moving = failed * ((relation.columns[:, at] - still) @ fitted.parameters[at])
+    columns = relation.columns if is_part else columns_of(relation, hypothesis)
+    constant = [failed * acting.per_unit[:, 0]] if is_part else []
+    with_rest = search.fit(axis, np.column_stack([columns, *constant, moving]))
+    errors = {a: held_out_errors(search, hypothesis, a) for a in judged.gains}
+    before, after = errors[axis]
+    level = _level(judged, acting, asked, failed, fitted.parameters)
+    return Failure(
+        name=hypothesis.name, kind=hypothesis.kind, times=times_of(search, judged, float(balance.time[0])),
+        evidence=judged.evidence, gains=dict(judged.gains), main_axis=axis, size=1.0 - after / before,
+        errors=errors, left=float(is_part + with_rest.parameters[-1]),
+        left_std=float(with_rest.std[-1]), level=level, asked=asked, usual=usual, moved=moved,
+    )  # fmt: skip
+
+
+def _level(judged: Judged, acting: Acting, asked: float, failed: Array, parameters: Array) -> float:
+    """Where the input seems to stay; of an engine as a share of what the throttle asked for."""
+    if judged.hypothesis.kind == NIL:
+        return 0.0
+    if judged.hypothesis.kind == HELD:
+        return judged.hypothesis.level
+    effect = float(failed @ acting.per_unit @ parameters[list(acting.columns)]) if acting.columns else 0.0
+    if effect == 0.0 or not asked > 0.0:
+        return np.nan
+    return (acting.mean + float(parameters[-1]) * float(failed @ acting.per_unit[:, 0]) / effect) / asked
