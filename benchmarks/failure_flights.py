@@ -113,7 +113,7 @@ class _Pilot:
         return np.array([*np.clip(out[:3], -limits, limits), np.clip(out[3], 0.0, 1.0)])
 
 
-def _really(failure: str, commands: Array, held: Array, share: float) -> Array:
+def really(failure: str, commands: Array, held: Array, share: float) -> Array:
     """What moves, of commands (4,), while a failure holds a control where it was, ``held`` (4,).
 
     A control whose name begins with ``part of`` makes a ``share`` of what it is told to.
@@ -183,12 +183,12 @@ def fly(
         fails = 0.0 <= since % every < end - begin if since >= 0.0 else False
         if not fails:
             held = _put(failure, plane.setup.trim.controls, seed) if moved else commands[k]
-        plane.advance(_really(failure, commands[k], held, share) if fails else commands[k])
+        plane.advance(really(failure, commands[k], held, share) if fails else commands[k])
         if -readings[k, Reading.POSITION][2] < -70.0:  # on the ground
             readings, commands = readings[: k + 1], commands[: k + 1]
             break
     return FailureFlight(
-        _users(known, layout), _logged(known, plane, layout, readings, commands, rng), failure, begin, end, share
+        _users(known, layout), logged(plane.setup.origin, layout, readings, commands, rng), failure, begin, end, share
     )
 
 
@@ -201,12 +201,11 @@ def _users(known: Aircraft, layout: Layout) -> Aircraft:
     return aircraft_from_dict(source)
 
 
-def _logged(
-    known: Aircraft, plane: SteppedAeroplane, layout: Layout, readings: Array, commands: Array,
-    rng: np.random.Generator,
-) -> Samples:  # fmt: skip
-    """Samples as a logger has them."""
-    time = np.arange(len(readings)) * STEP
+def logged(
+    origin: Array, layout: Layout, readings: Array, commands: Array, rng: np.random.Generator, step: float = STEP
+) -> Samples:
+    """Samples as a logger has them, of readings (n, Reading.WIDTH) every ``step`` [s] from an origin (3,)."""
+    time = np.arange(len(readings)) * step
 
     def at(rate: float, values: Array, noise: npt.ArrayLike) -> tuple[npt.NDArray[np.int64], Array]:
         stamps = np.arange(rng.uniform(0.0, 1.0 / rate), time[-1], 1.0 / rate)
@@ -221,7 +220,7 @@ def _logged(
     stamp, values = at(min(layout.imu, 10.0), readings[:, Reading.QUATERNION], 0.005)
     parts.append(samples_of(Kind.ATTITUDE, stamp, values / np.linalg.norm(values, axis=1, keepdims=True)))
     stamp, values = at(5.0, readings[:, Reading.POSITION], 0.0)
-    places = geodetic_along(values, plane.setup.origin)
+    places = geodetic_along(values, origin)
     parts.append(samples_of(Kind.GPS_POSITION, stamp, places))
     stamp, values = at(5.0, readings[:, Reading.VELOCITY], 0.15 * noise[2])
     parts.append(samples_of(Kind.GPS_VELOCITY, stamp, values))

@@ -65,10 +65,8 @@ def diagnose(
 ) -> Diagnosis:
     """Diagnose one flight with replicas of it; ``progress`` hears shares from 0 to 1."""
     empty = [CandidateEvaluator(replica.data) for replica in replicas]
-    floor = {
-        axis: float(np.mean([other.fits[axis].nrmse_held_out for other in empty if axis in other.fits]))
-        for axis in bench.fits
-    }
+    of_replicas = {a: [other.fits[a].nrmse_held_out for other in empty if a in other.fits] for a in bench.fits}
+    floor = {axis: float(np.mean(errors)) for axis, errors in of_replicas.items() if errors}
     null = null_of(replicas, library, tuple(bench.fits))
     found: list[Finding] = []
     listed: list[Finding] = []
@@ -168,7 +166,7 @@ def _unknown(
     bench: CandidateEvaluator, floor: Mapping[str, float], resting: Collection[str], listed: Sequence[Finding]
 ) -> dict[str, float]:
     """Axes in which something could be named if the angles of flow were measured: their error over that of replicas."""
-    axes = {f.trial.main_axis for f in listed if f.matters} & set(resting)
+    axes = {f.trial.main_axis for f in listed if f.matters} & set(resting) & floor.keys()
     return {axis: bench.fits[axis].nrmse_held_out / floor[axis] for axis in sorted(axes, key=AXES.index)}
 
 

@@ -6,11 +6,13 @@ Where a signal has a gap it is NaN on the grid, and so is all that is made of it
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 Array = npt.NDArray[np.float64]
+Spectrum = npt.NDArray[np.complex128]
 
 #: A gap is longer than so many sample intervals, and than so many seconds.
 _GAP_INTERVALS, _GAP_SECONDS = 3.5, 0.3
@@ -121,40 +123,67 @@ def _convolve(values: Array, kernel: Array) -> Array:
     return np.fft.irfft(spectrum, size)[:, len(kernel) - 1 : values.shape[1]]
 
 
+#: Frequencies, of series that are filled up to twice their length, over which coherence is a mean.
+_NEIGHBOURS = 33
+
+
 def compare(y: Array, x: Array, step: float, longest_lag: float = 0.5) -> Comparison | None:
     """Compare two series (n,) on a grid of ``step`` [s]; None where fewer than 100 points are common.
 
     Independent samples after Bartlett. Standard errors of ratio and lag are those of least squares with residuals that
-    are correlated in time.
+    are correlated in time; only changes that both series have tell a lag.
     """
     common = np.isfinite(x) & np.isfinite(y)
     n = int(common.sum())
     if n < 100 or np.std(x[common]) < 1e-12 or np.std(y[common]) < 1e-12:
         return None
+    slopes = [np.nan_to_num(np.gradient(np.where(common, v, np.nan))) for v in (x, y)]  # before gaps are filled
     x, y = (np.where(common, v - v[common].mean(), 0.0) for v in (x, y))
     size = 2 ** int(np.ceil(np.log2(2 * len(x))))
-    fx, fy = np.fft.rfft(x, size), np.fft.rfft(y, size)
+    fx, fy, fm, f_slope, f_slope_of_y = (np.fft.rfft(v, size) for v in (x, y, common, *slopes))
     cross, auto_x, auto_y = (np.fft.irfft(f, size) for f in (fy * np.conj(fx), np.abs(fx) ** 2, np.abs(fy) ** 2))
     norm = np.sqrt(auto_x[0] * auto_y[0])
     most = min(round(longest_lag / step), len(x) // 4)
-    rho = np.concatenate([cross[-most:], cross[: most + 1]]) / norm if most else cross[:1] / norm
+    lags = np.arange(-most, most + 1)
+    size_x = np.fft.irfft(fm * np.conj(np.fft.rfft(x**2, size)), size)[lags]  # of what is common at each lag
+    size_y = np.fft.irfft(np.fft.rfft(y**2, size) * np.conj(fm), size)[lags]
+    rho = cross[lags] / np.sqrt(np.maximum(size_x * size_y, 1e-12 * norm**2))
     best, sign = _best(rho, most)
     lag, r = _peak(sign * rho, best)
     lag = (lag - most) * step
     memory = min(len(x) // 4, round(20.0 / step))
     independent = n / max(float(1.0 + 2.0 * np.sum(auto_x[1:memory] * auto_y[1:memory]) / norm**2), 1.0)
-    shifted = np.roll(x, round(lag / step))
+    steps = round(lag / step)
+    shifted = np.roll(x, steps)
     residual = np.where(common, y - (shifted @ y) / max(float(shifted @ shifted), 1e-300) * shifted, 0.0)
-    auto_e = np.fft.irfft(np.abs(np.fft.rfft(residual, size)) ** 2, size)
+    power = np.abs(np.fft.rfft(residual, size)) ** 2
+    auto_e = np.fft.irfft(power, size)
     together = 1.0 + 2.0 * np.sum(auto_x[1:memory] * auto_e[1:memory]) / max(auto_x[0] * auto_e[0], 1e-300)
     noise = np.sqrt(max(1.0 / r**2 - 1.0, 1e-12) * max(float(together), 1.0) / n) if r > 0.0 else np.inf
     spread = np.sqrt(auto_y[0] / auto_x[0])
     width = np.exp(min(3.0 * noise, 3.0))
-    swing = np.sqrt(max(2.0 * (auto_x[0] - auto_x[1]), 1e-30) / auto_x[0]) / step
+    bend = float(np.fft.irfft(f_slope_of_y * np.conj(f_slope), size)[steps])
     return Comparison(
         sign * r, spread * max(r, 1e-9) / width, spread / max(r, 1e-9) * width,
-        lag, float(noise / swing), independent, n * step,
+        lag, step * _lag_error(fx, fy, bend, size, steps, n), independent, n * step,
     )  # fmt: skip
+
+
+def _lag_error(fx: Spectrum, fy: Spectrum, bend: float, size: int, steps: int, n: int) -> float:
+    """Standard error, in steps, of the lag at which the sum of y(t) x(t - lag) is largest, of n points.
+
+    There that of y x' is 0, and it bends by that of y' x'. What scatters the former is incoherent in both: noise
+    of x has a slope, too, and that says nothing of y. The transforms, of x and y, are ``size`` long.
+    """
+    phase = 2.0 * np.pi / size * np.arange(len(fx))
+    coherent = np.abs(_smooth(fy * np.conj(fx) * np.exp(1j * steps * phase))) ** 2
+    incoherent = np.maximum(_smooth(np.abs(fx) ** 2) * _smooth(np.abs(fy) ** 2) - coherent, 0.0)
+    return float(np.sqrt(np.fft.irfft(np.sin(phase) ** 2 * incoherent, size)[0] / n)) / max(abs(bend), 1e-300)
+
+
+def _smooth(spectrum: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """The mean over neighbouring frequencies, by which two series are coherent or not."""
+    return np.convolve(spectrum, np.ones(_NEIGHBOURS) / _NEIGHBOURS, mode="same")
 
 
 def _best(rho: Array, zero: int) -> tuple[int, float]:

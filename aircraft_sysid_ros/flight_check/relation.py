@@ -25,7 +25,7 @@ _UNEXPLAINED = 0.25
 #: Half a step of the grid [s], by which a relation may be outside of its range.
 _BARELY = 0.01
 #: Least correlation for a lag.
-_LEAST_FOR_LAG = 0.75
+LEAST_FOR_LAG = 0.75
 #: Cost of a fault where a contradiction costs 1; signals that come from an estimator of their own are doubted last.
 FAULT = 0.4
 _MOST_SUSPECTS, _MOST_TOGETHER = 12, 3
@@ -119,7 +119,7 @@ def lag_faults(
 ) -> list[Fault]:
     """Times [s] by which the fewest streams are late; the signals of a fault are streams."""
     chosen = [r for r in relations if r.has_lag and r.comparison.is_sure]
-    chosen = [r for r in chosen if abs(r.comparison.correlation) > _LEAST_FOR_LAG]
+    chosen = [r for r in chosen if abs(r.comparison.correlation) > LEAST_FOR_LAG]
     return _fewest(
         chosen, [r.lag for r in chosen], [r.comparison.lag for r in chosen], stream_of, prior, LEAST_LAG, _BARELY
     )

@@ -135,6 +135,27 @@ def test_a_gps_that_is_late_is_found_in_gusts(aircraft):
     assert found.value - found.nominal == pytest.approx(lag - aircraft.sensors["gps_velocity"].delay, abs=0.05)
 
 
+@pytest.mark.parametrize(("law", "is_said"), [("quadratic", True), ("logarithm", True), ("jump", False)])
+def test_a_delay_that_half_of_it_does_nothing_for_is_none(calm_flight, monkeypatch, law, is_said):
+    """A filter that starts one sample later is another filter: of a likelihood that jumps there nothing is said."""
+    aircraft, flown = calm_flight
+    flight = reconstruction.reconstruct(aircraft, flown.samples, with_covariance=False)
+
+    def gained(aircraft, samples):
+        off = (aircraft.sensors["gyro"].delay - 0.06) / 0.06
+        gain = {
+            "quadratic": -100.0 * off**2,
+            "logarithm": -100.0 * np.log(1e-6 + off**2) / np.log(1e6),  # an error a thousand times the noise
+            "jump": 150.0 * (abs(off) < 0.4) - off**2,
+        }[law]
+        return Likelihood(np.full(len(Kind), gain / len(Kind)), np.ones(len(Kind)), 0.2)
+
+    monkeypatch.setattr(measurement, "log_likelihood", gained)
+    monkeypatch.setattr(measurement, "AIR_DATA", {})
+    (job,) = jobs_of(flight, [BY_ID["imu_lag"]], True)
+    assert (try_setting(job).evidence > 1.0) is is_said
+
+
 def test_what_the_file_leaves_out_goes_before_a_fault_that_is_little_better(aircraft):
     without = aircraft_from_dict({k: v for k, v in aircraft.source.items() if k != "air_data_position"})
     fault = replace(setting_of(BY_ID["alpha_scale"], 0.8), nominal=1.0, evidence=2.4, gain=48.0)

@@ -14,13 +14,15 @@ from aircraft_sysid_ros.flight_check.relation import Relation
 
 Array = npt.NDArray[np.float64]
 _SCALE, _LAG = 0.06, 0.07  # the time [s] for a GPS of four fixes a second or more
-_LONG = 60.0
 _SHORT, _SECONDS = 0.6, 8.0
 #: Least course change [rad] that separates the wind from the scale.
 _TURNED = 2.0
-#: Parts of the flight that are left out in turn, for the error of a lag: an event lies on an edge of few of them; and
-#: the error [s] of a lag that nothing tells.
-_PARTS, _UNKNOWN = (4, 7, 13), 1e3
+#: Highest rate [1/s] at which an aeroplane, and who flies it, answers a gust along the path with its speed over ground.
+_ANSWER = 0.2
+#: Changes [s] of the speed that are slower than the noise of its sensors, and quicker than the wind.
+_CHANGES = (2.0, 60.0)
+#: Longest lag [s] that is looked for.
+_LATEST = 2.0
 #: Residuals beyond this share of the speed count less; most steps of the fit.
 _USUAL, _ROUNDS = 0.05, 60
 
@@ -95,40 +97,31 @@ def _cost_of(x: Array, speed: Array, ground: Array, usual: float) -> tuple[float
     return cost, residual, np.column_stack([-length, towards])
 
 
-def _slow(motion: Motion, speed: Array, expected: Array) -> Comparison | None:
-    """Changes of the airspeed (n,) and of what it should be, over seconds: its lag must be that of several of them.
+def _slow(motion: Motion, speed: Array, expected: Array, words: str, scale_tolerance: float | None) -> list[Relation]:
+    """Changes of the airspeed (n,) and of what it should be, over seconds.
 
-    A speed that falls once, as after an engine was cut, has one slope, on which a gust is a lag; what is left is not
-    stationary, as the standard error of all of it takes it to be.
+    Gusts e, which are in the airspeed alone, are no noise where they are answered: x' has -_ANSWER e of them, by which
+    the airspeed seems later, by _ANSWER sum(e e) / sum(x' y') or by less: as likely by anything between. In 41 clean
+    flights of JSBSim it seemed up to 1 s late, and early in none by more than three standard errors.
     """
     grid = motion.grid
-    y, x = (grid.band(each, grid.step, _LONG) for each in (speed, expected))
-    found = compare(y, x, grid.step, 1.0)
-    if found is None:
-        return None
-    return replace(found, lag_std=max(found.lag_std, *(_jackknife(y, x, found.lag, grid.step, k) for k in _PARTS)))
-
-
-def _jackknife(y: Array, x: Array, lag: float, step: float, parts: int) -> float:
-    """Standard error [s] of the lag of y (n,) behind x, from what it is without each of some parts of the time.
-
-    y(t) = a x(t - lag) + b dx/dt(t - lag) + c by least squares moves the lag by -b/a.
-    """
-    steps = round(lag / step)
-    late = np.full(len(x), np.nan)
-    late[max(steps, 0) : len(x) + min(steps, 0)] = x[max(-steps, 0) : len(x) - max(steps, 0)]
-    columns = np.column_stack([late, np.gradient(late, step), np.ones(len(x)), y])
-    columns = columns[np.all(np.isfinite(columns), axis=1)]
-    products = [part.T @ part for part in np.array_split(columns, parts)]
-    lags = []
-    for product in products:
-        others = np.sum(products, axis=0) - product
-        a, b, _ = np.linalg.lstsq(others[:3, :3], others[:3, 3])[0]
-        if not a > 0.0:
-            return _UNKNOWN
-        lags.append(-b / a)
-    apart = np.array(lags) - np.mean(lags)
-    return float(np.sqrt((parts - 1) / parts * np.sum(apart**2)))
+    y, x = (grid.band(each, *_CHANGES) for each in (speed, expected))
+    found = compare(y, x, grid.step, _LATEST)
+    if found is None or abs(found.lag) > _LATEST - 1.5 * grid.step:  # no maximum
+        return []
+    known = np.isfinite(x) & np.isfinite(y)
+    left = float(np.sum(y[known] ** 2)) * (1.0 - found.correlation**2)
+    common = float(np.nansum(np.gradient(x, grid.step) * np.gradient(y, grid.step)))
+    if not common > 0.0:
+        return []
+    answered = _ANSWER * left / common
+    found = replace(found, lag=found.lag - 0.5 * answered, lag_std=float(np.hypot(found.lag_std, answered / 12**0.5)))
+    tolerance = _LAG * motion.gps_width
+    return [
+        Relation(
+            "true_airspeed", "velocity.north", found, words, scale_tolerance, has_sign=False, lag_tolerance=tolerance
+        )
+    ]
 
 
 def _fitted(motion: Motion, speed: Array, ground: Array, thin: npt.NDArray[np.int64], seconds: float) -> list[Relation]:
@@ -140,20 +133,7 @@ def _fitted(motion: Motion, speed: Array, ground: Array, thin: npt.NDArray[np.in
     turned = np.ptp(course) > _TURNED and np.hypot(*wind) < 0.9 * np.median(np.linalg.norm(u, axis=1))
     if not turned:  # only a unit can be told, with a wind of up to half of the speed, or by changes of the speed
         scale, std = typical, 0.15 * typical
-        changes = _slow(motion, speed, np.linalg.norm(ground, axis=1))
-        if changes is not None:
-            words = "the changes of the GPS speed"
-            found.append(
-                Relation(
-                    "true_airspeed",
-                    "velocity.north",
-                    changes,
-                    words,
-                    0.3,
-                    has_sign=False,
-                    lag_tolerance=_LAG * motion.gps_width,
-                )
-            )
+        found += _slow(motion, speed, np.linalg.norm(ground, axis=1), "the changes of the GPS speed", 0.3)
     if scale > 0.0:
         low, high = max(scale - 3.0 * std, 1e-6), scale + 3.0 * std
         comparison = Comparison(1.0, low, high, 0.0, np.inf, 1e3, seconds)
@@ -161,12 +141,5 @@ def _fitted(motion: Motion, speed: Array, ground: Array, thin: npt.NDArray[np.in
         found.append(Relation("true_airspeed", "velocity.north", comparison, words, _SCALE, has_lag=False))
     if turned:
         expected = np.linalg.norm(ground - [wind[0], wind[1], 0.0], axis=1)
-        lag = _slow(motion, speed, expected)
-        if lag is not None:
-            words = "the GPS speed less the wind"
-            found.append(
-                Relation(
-                    "true_airspeed", "velocity.north", lag, words, has_sign=False, lag_tolerance=_LAG * motion.gps_width
-                )
-            )
+        found += _slow(motion, speed, expected, "the GPS speed less the wind", None)
     return found

@@ -26,11 +26,11 @@ _SHORT, _LONG = 0.08, 6.0
 _LONGEST, _LAG_TOLERANCE, _LAG_STD = 0.3, 0.015, 0.012
 #: Partial correlation with the turning below which nothing is said.
 _LEAST = 0.7
-#: Share of it with the other sign, at another shift, from which nothing is said either: a surface that an autopilot
-#: moves by what the gyros say follows the turning, and seems to cause it a little later, or the opposite a little
-#: earlier. In quiet flights at 10 Hz (JSBSim, 54 flights without any delay) five seemed to have one of 0.15 to 0.2 s
-#: that way, with 0.87 of it and more; where a surface does turn the aeroplane it was 0 to 0.4 but for three ailerons.
-_BOTH_WAYS = 0.5
+#: Share of it with the other sign that another shift has beyond what the best one leaves to it, from which nothing is
+#: said either: a surface that an autopilot moves by what the gyros say follows the turning, and seems to cause it a
+#: little later, and the opposite a little earlier. In quiet flights (JSBSim, 10 to 25 Hz, no delay) that was 0.5 to 0.9
+#: of surfaces that seemed to be 0.2 s late and more; of surfaces that do turn the aeroplane 0 to 0.44.
+_BOTH_WAYS = 0.45
 #: An exchanged surface does so much less about its own axis.
 _OWN = 0.6
 
@@ -46,7 +46,7 @@ class _Axis:
 class _Scan(NamedTuple):
     shift: float  # [s] of the surface
     partial: float  # correlation with the turning at it
-    is_both_ways: bool  # it is nearly as much the other way at another shift
+    is_both_ways: bool  # at another shift it explains about as much of what is left, the other way
 
 
 _SETUP = (
@@ -139,14 +139,14 @@ def _scan(turning: Array, surface: Array, terms: Array, step: float) -> _Scan | 
     y = turning[rows] - turning[rows].mean()
     y = y - basis @ (basis.T @ y)
     shifts = np.arange(-most, most + 1)
-    partial = np.zeros(len(shifts))
-    filled = np.nan_to_num(surface)
-    for i, shift in enumerate(shifts):
-        x = filled[rows - shift] - filled[rows - shift].mean()
-        x = x - basis @ (basis.T @ x)
-        partial[i] = x @ y / max(float(np.linalg.norm(x) * np.linalg.norm(y)), 1e-300)
+    x = np.nan_to_num(surface)[rows - shifts[:, None]]
+    x = x - x.mean(axis=1, keepdims=True)
+    x = x - (x @ basis) @ basis.T
+    x, y = (v / np.maximum(np.linalg.norm(v, axis=-1, keepdims=True), 1e-300) for v in (x, y))
+    partial = x @ y
     best = int(np.argmax(np.abs(partial)))
-    opposite = float(np.max(-np.sign(partial[best]) * partial))
+    beyond = partial - partial[best] * (x @ x[best])  # what the best shift leaves to another one
+    opposite = float(np.max(-np.sign(partial[best]) * beyond))
     return _Scan(float(shifts[best] * step), float(partial[best]), opposite > _BOTH_WAYS * abs(partial[best]))
 
 

@@ -1,0 +1,136 @@
+"""Missions of JSBSim's aeroplanes, without vanes and test inputs, in which a control sticks or the engine stops.
+
+The same as failure_flights.py by another maker: the aerodynamics is tables that no model of ours has, an autopilot
+holds bank, height and speed and damps the rates, and a logger keeps commands. Everything is drawn from the seed.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from failure_flights import SHAPE, FailureFlight, Layout, logged, really
+
+from aircraft_sysid_ros.aircraft.configuration import aircraft_from_dict
+from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.sensors.truth import Truth
+from aircraft_sysid_ros.simulation.closed_loop import Reading
+from aircraft_sysid_ros.simulation.jsbsim_flight import MODELS, RATE, JsbsimSetup, fly_jsbsim, prepare_jsbsim
+from aircraft_sysid_ros.simulation.manoeuvres import Plan, level_plan
+from aircraft_sysid_ros.simulation.wind import low_altitude_turbulence, wind_series
+
+Array = npt.NDArray[np.float64]
+
+DURATION = 150.0  # [s]
+#: What a mission does: it holds one bank, or it turns, climbs and changes its speed now and then, or goes straight.
+MISSIONS = ("circling", "legs", "straight")
+#: Where the IMU is, at most, from the centre of gravity [m], which the user does not say.
+IMU_PLACE = 0.4
+#: Wind at 20 ft [m/s] of gusts that are none, light and more than light.
+GUSTS = (0.0, 3.0, 6.0)
+_RATES = tuple(f"velocities/{axis}-rad_sec" for axis in "pqr")
+_MOST_LOST = 1.0  # [s] before an aeroplane is out of control its flight ends
+
+
+def _mission(setup: JsbsimSetup, rng: np.random.Generator, time: Array) -> Plan:
+    """References of the autopilot, all of them drawn."""
+    plan, kind, at = level_plan(time, setup.trim.airspeed), str(rng.choice(MISSIONS)), 0.0
+    side = rng.choice([-1.0, 1.0])
+    while at < time[-1]:
+        length = rng.uniform(8.0, 28.0)
+        part = slice(int(at * RATE), int((at + length) * RATE))
+        at += length
+        if kind == "circling":
+            plan.bank[part] = side * rng.uniform(0.2, 0.5)
+        elif kind == "legs":
+            plan.bank[part] = rng.choice([0.0, 0.0, -1.0, 1.0]) * rng.uniform(0.15, 0.6)
+        plan.height[part] = rng.choice([0.0, 0.0, 1.0, -1.0]) * rng.uniform(8.0, 40.0)
+        plan.airspeed[part] *= rng.choice([1.0, 1.0, rng.uniform(0.92, 1.12)])
+    smooth = np.ones(int(RATE)) / RATE
+    for values in (plan.bank, plan.height, plan.airspeed):
+        values[:] = np.convolve(np.pad(values, len(smooth), mode="edge"), smooth, mode="same")[len(smooth) :][
+            : len(time)
+        ]
+    return plan
+
+
+class _Broken:
+    """Hands the commands on to the aeroplane, with the rates fed back, until what fails holds one of them."""
+
+    def __init__(self, setup: JsbsimSetup, failure: str, begin: float, end: float, share: float, count: int) -> None:
+        self._setup, self._failure, self._begin, self._end, self._share = setup, failure, begin, end, share
+        self._gains = 0.0
+        self._held = np.zeros(4)
+        self.commands = np.zeros((count, 4))
+
+    def damped_by(self, gains: Array) -> _Broken:
+        """With surfaces that answer to p, q and r by ``gains`` (3,) [rad per rad/s]."""
+        self._gains = gains
+        return self
+
+    def __call__(self, executive: Any, i: int, wanted: Array) -> Array:
+        """The commands (4,) of JSBSim that are set at step i."""
+        per = self._setup.control_per_command
+        p, q, r = (executive[name] for name in _RATES)
+        wanted = wanted.copy()
+        wanted[:3] += self._gains * np.array([q, p, r]) / per[:3]
+        wanted = np.clip(wanted, [-1.0, -1.0, -1.0, 0.0], 1.0)
+        self.commands[i] = wanted
+        failed = self._begin <= i / RATE < self._end
+        if not failed:
+            self._held = wanted
+        return really(self._failure, wanted, self._held, self._share) if failed else wanted
+
+
+def _readings(truth: Truth, imu: Array) -> Array:
+    """Rows of Reading (n, WIDTH) of a flight, the IMU at a place (3,) [m] from the centre of gravity."""
+    out = np.zeros((len(truth.time), Reading.WIDTH))
+    turning = np.cross(truth.angular_acceleration, imu) + np.cross(truth.rates, np.cross(truth.rates, imu))
+    out[:, Reading.FORCE], out[:, Reading.RATES] = truth.specific_force + turning, truth.rates
+    out[:, Reading.AIR][:, :3] = np.column_stack([truth.airspeed, truth.alpha, truth.beta])
+    out[:, Reading.POSITION], out[:, Reading.VELOCITY] = truth.position, truth.velocity
+    out[:, Reading.QUATERNION] = truth.quaternion
+    return out
+
+
+def fly(seed: int, layout: Layout, failure: str, name: str = "") -> FailureFlight:
+    """One flight of an aeroplane of JSBSim, drawn or by ``name``, with the file of its user. Ends where it is lost."""
+    rng = np.random.default_rng([seed, 61])
+    drawn = str(rng.choice(sorted(MODELS)))
+    setup = prepare_jsbsim(name or drawn)
+    time = np.arange(int(DURATION * RATE)) / RATE
+    plan = _mission(setup, rng, time)
+    heading, windy, gusts = (
+        rng.uniform(0.0, 2.0 * np.pi),
+        rng.uniform(0.0, 0.25) * setup.trim.airspeed,
+        rng.choice(GUSTS),
+    )
+    mean = np.array([windy * np.cos(heading), windy * np.sin(heading), 0.0])
+    turbulence = low_altitude_turbulence(250.0, gusts) if gusts else None
+    wind = wind_series(rng, len(time), 1.0 / RATE, mean, 0.01, setup.trim.airspeed, turbulence)
+    begin, share = rng.uniform(0.3, 0.75) * DURATION, rng.uniform(0.3, 0.6)
+    lasting = rng.uniform(10.0, 25.0) if rng.random() < 0.4 and failure != "engine" else np.inf
+    end = begin + lasting
+    if failure == "none":
+        begin = end = np.nan
+    gains, imu = rng.uniform(0.0, 0.25, 3) * [1.0, 0.6, 1.0], rng.uniform(-IMU_PLACE, IMU_PLACE, 3)
+    signs = -np.sign([setup.slopes.pitch_control, setup.slopes.roll_control, setup.slopes.yaw_control])
+    broken = _Broken(setup, failure, begin, end, share, len(time)).damped_by(gains * signs)
+    truth = _flown(setup, wind, plan, broken)
+    per = setup.control_per_command
+    commands = setup.trim.controls + (broken.commands[: len(truth.time)] - setup.trim_commands) * per
+    known = setup.aircraft
+    users = aircraft_from_dict({key: known.source[key] for key in SHAPE})
+    samples = logged(truth.origin, layout, _readings(truth, imu), commands, rng, 1.0 / RATE)
+    return FailureFlight(users, samples, failure, begin, end, share)
+
+
+def _flown(setup: JsbsimSetup, wind: Array, plan: Plan, broken: _Broken) -> Truth:
+    """The flight, as long as it is one."""
+    try:
+        return fly_jsbsim(setup, wind, plan, adjust=broken)
+    except InputError as error:
+        words = str(error).split()
+        lost = float(words[words.index("after") + 1]) - _MOST_LOST
+    return fly_jsbsim(setup, wind[: int(lost * RATE)], plan, adjust=broken)

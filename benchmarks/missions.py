@@ -1,0 +1,120 @@
+"""What `check` and `diagnose` say of missions of JSBSim's aeroplanes: clean ones, and such in which something fails.
+
+    python benchmarks/missions.py [--clean 48] [--failed 32] [--first 9930000] [--jobs 2]
+
+The flights are those of jsbsim_missions.py, each with a layout of a log that is drawn; each is a line in
+results/missions.jsonl. The user knows mass and shape. Seeds are drawn before and looked at once.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # flights share the cores; before numpy is loaded
+
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+import jsbsim_missions
+import numpy as np
+from failure_flights import PART_OF, Layout
+from resumed import flown
+
+from aircraft_sysid_ros.aircraft.aerodynamic_model import textbook_model
+from aircraft_sysid_ros.diagnosis.flight_answer import answer
+from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.flight_check.check import check
+from aircraft_sysid_ros.flight_check.finding import INFO
+from aircraft_sysid_ros.flight_check.relation import LEAST_FOR_LAG
+from aircraft_sysid_ros.flight_check.signals import flight_of
+
+RESULTS = Path(__file__).parent / "results" / "missions.jsonl"
+FIRST = 9_930_000
+#: Rates [Hz] of a logger: of the IMU, of the commands, and of airspeed, 0 where there is none.
+IMU, COMMANDS, AIRSPEED = (10.0, 25.0, 50.0, 100.0), (2.5, 5.0, 10.0, 25.0, 50.0), (0.0, 5.0, 10.0, 20.0)
+FAILURES = ("elevator", "aileron", "rudder", "engine", PART_OF + "elevator", PART_OF + "aileron")
+
+
+def layout_of(seed: int) -> Layout:
+    """What a log holds, drawn; of four flights one has no airspeed."""
+    rng = np.random.default_rng([seed, 62])
+    imu = float(rng.choice(IMU))
+    return Layout(imu, min(float(rng.choice(COMMANDS)), imu), float(rng.choice(AIRSPEED)), elevons=False)
+
+
+def fly(job: dict[str, Any]) -> dict[str, Any]:
+    """One flight and what is said of it."""
+    layout = layout_of(job["seed"])
+    result = {**job, "imu": layout.imu, "commands": layout.controls, "airspeed": layout.airspeed}
+    try:
+        flight = jsbsim_missions.fly(job["seed"], layout, job["failure"])
+        checked = check(flight_of(flight.samples, flight.samples.stamp), textbook_model())
+        said = answer(flight.aircraft, flight.samples, calm_air=not layout.airspeed)
+    except InputError as error:
+        return {**result, "failed": str(error)}
+    first = next((c for c in said["candidates"] if c["found"]), {})
+    return {
+        **result,
+        "aeroplane": flight.aircraft.name,
+        "lasts": float(np.ptp(flight.samples.stamp)) * 1e-9,
+        "begin": flight.begin,
+        "end": flight.end,
+        "verdict": said["verdict"],
+        "first": first.get("effect"),
+        "input": first.get("input"),
+        "times": first.get("inner"),
+        "label": first.get("label"),
+        "check": [
+            [f.kind, f.signals[0], f.sentence] for f in checked.findings if f.severity != INFO and f.kind != "missing"
+        ],
+        "lags": [
+            [r.first, r.evidence, r.comparison.lag, r.comparison.lag_std]
+            for r in checked.relations
+            if r.has_lag and r.comparison.is_sure and abs(r.comparison.correlation) > LEAST_FOR_LAG
+        ],
+    }
+
+
+def jobs(clean: int, failed: int, first: int) -> list[dict[str, Any]]:
+    """Clean flights, and flights in which the failures take turns."""
+    flights = [{"seed": first + n, "failure": "none"} for n in range(clean)]
+    return flights + [{"seed": first + 50_000 + n, "failure": FAILURES[n % len(FAILURES)]} for n in range(failed)]
+
+
+def summary(results: list[dict[str, Any]]) -> str:
+    """Counts; the table is in docs/diagnosis.md (docs/build.py)."""
+    done = [r for r in results if "verdict" in r]
+    clean = [r for r in done if r["failure"] == "none"]
+    lines = [
+        f"clean flights: {len(clean)}, given a verdict: {sum(r['verdict'] != 'none' for r in clean)}, "
+        f"told of a fault by check: {sum(bool(r['check']) for r in clean)}"
+    ]
+    for failure in FAILURES:
+        said = Counter(str((r["verdict"], r["input"] or r["first"])) for r in done if r["failure"] == failure)
+        lines.append(f"  {failure}: {dict(said)}")
+    return "\n".join([*lines, f"not diagnosed: {len(results) - len(done)}"])
+
+
+def main() -> None:
+    """Fly what is not flown yet, and count."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--clean", type=int, default=48)
+    parser.add_argument("--failed", type=int, default=32)
+    parser.add_argument("--first", type=int, default=FIRST, help="first seed")
+    parser.add_argument("--jobs", type=int, default=len(os.sched_getaffinity(0)))
+    parser.add_argument("--results", type=Path, default=RESULTS)
+    args = parser.parse_args()
+    results = []
+    for result in flown(fly, jobs(args.clean, args.failed, args.first), args.results, args.jobs):
+        results.append(result)
+        print(
+            f"{len(results)}: {result['seed']} {result['failure']} {result.get('verdict')} {result.get('input')}",
+            flush=True,
+        )
+    print(summary(results))
+
+
+if __name__ == "__main__":
+    main()
