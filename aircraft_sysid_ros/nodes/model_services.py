@@ -36,6 +36,7 @@ from aircraft_sysid_ros.ros_messages.output_messages import BASE_FRD
 
 Array = npt.NDArray[np.float64]
 
+_NO_REASON = "it explains less of the flight so far than its numbers cost, which gives no reason to keep it"
 #: Time [s] between looks whether a search has ended.
 _POLL = 0.2
 _BIAS_STD = slice(
@@ -176,12 +177,13 @@ class ModelServices:
         return requested(text, self._node.estimator.model.inputs)
 
     def _add(self, text: str) -> str:
-        estimator, parsed = self._node.estimator, self._requested(text)
+        estimator, parsed, doubt = self._node.estimator, self._requested(text), ""
         if isinstance(parsed, Effect):
             if estimator.stream.pace.is_too_slow:
                 raise InputError(too_slow(estimator.stream.pace.rate))
             flight = live_flight(estimator.aircraft, self.memory.flight(), estimator.options.step, "the flight")
-            terms = terms_of_effect(parsed, flight)
+            terms, pays = terms_of_effect(parsed, flight)
+            doubt = "" if pays else f"; {_NO_REASON}"
             before = self._added.get(parsed.identifier, {})
             merged = {axis: (*before.get(axis, ()), *terms.get(axis, ())) for axis in {**before, **terms}}
         else:
@@ -193,7 +195,7 @@ class ModelServices:
         if isinstance(parsed, Effect):
             self._added[parsed.identifier] = merged
         names = [f"{axis}_{term_label(term)}" for axis, listed in terms.items() for term in listed]
-        return f"added: {' '.join(names)}{note}"
+        return f"added: {' '.join(names)}{doubt}{note}"
 
     def _remove(self, text: str) -> str:
         parsed = self._requested(text)

@@ -152,9 +152,15 @@ def test_the_wald_test_holds_its_level_under_drift_of_the_bias(clean):
 
 
 def test_terms_of_an_effect_have_its_inner_numbers_fitted(windows):
-    assert live.terms_of_effect(BY_ID["dihedral_alpha"], windows[0]) == {"Cl": ("alpha*beta",)}
-    terms = live.terms_of_effect(BY_ID["stall"], windows[0])
+    assert live.terms_of_effect(BY_ID["dihedral_alpha"], windows[0])[0] == {"Cl": ("alpha*beta",)}
+    terms, _ = live.terms_of_effect(BY_ID["stall"], windows[0])
     assert set(terms) <= {"CZ", "CX", "Cm"} and all("{" not in t for ts in terms.values() for t in ts)
+
+
+def test_what_is_not_missing_costs_more_than_it_explains(windows, clean):
+    assert live.terms_of_effect(BY_ID["dihedral_alpha"], windows[0])[1]
+    for absent in ("control_damage", "stuck_control", "parameter_change", "stall"):
+        assert not live.terms_of_effect(BY_ID[absent], clean[0])[1]
 
 
 def test_requests_that_make_no_sense_are_answered_with_a_sentence(windows):

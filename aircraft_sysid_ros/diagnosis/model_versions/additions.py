@@ -62,6 +62,8 @@ from aircraft_sysid_ros.samples import Samples
 Array = npt.NDArray[np.float64]
 Progress = Callable[[float], None]
 
+_NO_REASON = "this flight gives no reason to keep it"
+
 
 @dataclass(frozen=True)
 class Outcome:
@@ -90,7 +92,7 @@ def add(path: str | Path, text: str, progress: Progress = lambda share: None) ->
                 return _finish_by_forces(run, parsed.identifier, failed)
             if parsed.identifier in BY_FORCES and parsed.identifier in run.current.changes and not _has_vanes(run):
                 raise InputError(f"'{parsed.identifier}' is in the model already, and nothing of it is left to add")
-        flight = run.flight()
+        flight, pays = run.flight(), True
         progress(0.2)
         if isinstance(parsed, Effect):
             label = parsed.identifier
@@ -99,13 +101,13 @@ def add(path: str | Path, text: str, progress: Progress = lambda share: None) ->
             if parsed.kind == MEASUREMENT:
                 change, setting = _of_setting(run, flight, parsed, progress)
             else:
-                change = _of_effect(flight, parsed)
+                change, pays = _of_effect(flight, parsed)
         else:
             change, label = _of_terms(flight, parsed), label_of(parsed)
         changes = {**run.current.changes, label: _merged(run.current.changes.get(label), change)}
         if not isinstance(parsed, Effect):
             changes = _without_removal(changes, label, parsed)
-        return _finish(run, flight, changes, label, change, setting=setting)
+        return _finish(run, flight, changes, label, change, setting=setting, pays=pays)
 
 
 def remove(path: str | Path, text: str) -> Outcome:
@@ -162,24 +164,26 @@ def missing_signals(flight: FlightData, *texts: str) -> list[str]:
     return flight.lacks(frozenset().union(*(program.signals for program in flight.parsed(texts))))
 
 
-def _of_effect(flight: FlightData, effect: Effect) -> Change:
+def _of_effect(flight: FlightData, effect: Effect) -> tuple[Change, bool]:
+    """The terms that an effect has on a flight, and whether they explain more than their numbers and times cost."""
     missing = flight.lacks(effect.signals)
     if missing:
         raise InputError(f"'{effect.identifier}' needs {' and '.join(missing)}, which this flight does not have")
-    trial = _best_of(effect, flight)
+    trial, by_trim = _best_of(effect, flight)
     if trial is None:
         raise InputError(f"nothing of '{effect.identifier}' can be fitted on this flight")
     new = new_terms(flight, trial)
     if not new:
         raise InputError(why_no_terms(flight, trial, effect.identifier))
-    return Change(terms=new)
+    return Change(terms=new), by_trim or trial.score > trial.price
 
 
-def _best_of(effect: Effect, flight: FlightData) -> Score | None:
-    """An effect as ``diagnose`` finds it: by the trim of the flight, or else by all of it."""
+def _best_of(effect: Effect, flight: FlightData) -> tuple[Score | None, bool]:
+    """An effect as ``diagnose`` finds it: by the trim of the flight, which is said, or else by all of it."""
     trim = trim_finding(flight)
-    known = trim is not None and trim.trial.candidate.family == effect.identifier
-    return trim.trial if trim is not None and known else CandidateEvaluator(flight).best_of(effect)
+    if trim is not None and trim.trial.candidate.family == effect.identifier:
+        return trim.trial, True
+    return CandidateEvaluator(flight).best_of(effect), False
 
 
 def _of_setting(run: Run, flight: FlightData, effect: Effect, progress: Progress) -> tuple[Change, Setting]:
@@ -297,8 +301,9 @@ def _without_removal(changes: dict[str, Change], label: str, terms: Mapping[str,
 
 def _finish(
     run: Run, flight: FlightData, changes: Mapping[str, Change], label: str, change: Change, *,
-    setting: Setting | None = None, removed: bool = False,
+    setting: Setting | None = None, removed: bool = False, pays: bool = True,
 ) -> Outcome:  # fmt: skip
+    """``pays``: whether what was added explains more than its numbers cost."""
     before_version = run.current
     version = version_with(run, changes, (before_version.identifier,))
     other = run.flight(version.aircraft) if change.settings else flight.under(version.aircraft)
@@ -320,6 +325,8 @@ def _finish(
     where = " where both models have values" if partly else ""
     if shared:
         verdict = _verdict(label, shared, improved, removed, where)
+        verdict += f", but by less than the numbers of '{label}' cost: {_NO_REASON}" if improved and not pays else ""
+        improved = improved and pays
     else:  # a term that reads what the flight lacks has gone
         verdict = f"without '{label}' this flight fits {' and '.join(fitted)}, which it did not before"
     if setting is not None:
@@ -402,7 +409,7 @@ def _verdict(label: str, axes: Mapping[str, Mapping[str, float]], improved: bool
         return f"the held-out error falls from {numbers}"
     if removed:
         return f"without '{label}' the held-out error goes from {numbers}"
-    return f"'{label}' does not lower the held-out error ({numbers}): this flight gives no reason to keep it"
+    return f"'{label}' does not lower the held-out error ({numbers}): {_NO_REASON}"
 
 
 def parameters_of(flight: FlightData, fits: Mapping[str, AxisFit]) -> list[dict[str, Any]]:
