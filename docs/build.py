@@ -516,6 +516,16 @@ def failures() -> str:
     return table(*diagnosis_tables.failures(load_lines("failures")))
 
 
+def missions() -> str:
+    """The table ``missions`` of diagnosis.md."""
+    return table(*diagnosis_tables.missions(load_lines("missions")))
+
+
+def lags() -> str:
+    """The table ``lags`` of check.md."""
+    return table(*diagnosis_tables.lags(load_lines("missions")))
+
+
 def failures_again() -> str:
     """Inputs that fail several times in a flight without vanes."""
     return table(*diagnosis_tables.failures_again(load_lines("failures")))
@@ -765,6 +775,8 @@ TABLES: dict[str, Callable[[], str]] = {
     "miswired": lambda: table(*check_tables.miswired(load("miswired"))),
     "failures": failures,
     "failures_again": failures_again,
+    "missions": missions,
+    "lags": lags,
     "slow_imu": slow_imu,
     "choice": choice,
     "lack_of_fit": lack_of_fit,

@@ -29,6 +29,10 @@ _METHODS = {
     "stlsq": "STLSQ of pysindy", "lasso": "LASSO, cross-validated on blocks",
 }  # fmt: skip
 
+#: Before the name of a control that keeps part of its effect; and the signal of each control that fails.
+PART = "part of "
+_INPUTS = {"elevator": "de", "aileron": "da", "rudder": "dr", "engine": "engine"}
+
 
 def percent(share: float) -> str:
     return f"{100 * share:.0f} %"
@@ -282,11 +286,55 @@ def failures_again(flown: list[dict[str, Any]]) -> Rows:
 
 def _is_named(flight: dict[str, Any]) -> bool:
     """Whether the input and how it failed are right."""
-    signals = {"elevator": "de", "aileron": "da", "rudder": "dr"}
-    failure, found = flight["failure"].removeprefix("part of "), flight["found"][0]
-    return found["name"] == signals.get(failure, failure) and (found["kind"] == "part") == flight["failure"].startswith(
-        "part of"
-    )
+    failure, found = flight["failure"].removeprefix(PART), flight["found"][0]
+    is_part = flight["failure"].startswith(PART)
+    return found["name"] == _INPUTS.get(failure, failure) and (found["kind"] == "part") == is_part
+
+
+def missions(flown: list[dict[str, Any]]) -> Rows:
+    """Missions of JSBSim's aeroplanes by what fails: what `diagnose` says, and whether `check` finds a fault."""
+    judged = [flight for flight in flown if "verdict" in flight]
+    rows = []
+    for failure in dict.fromkeys(flight["failure"] for flight in judged):
+        own = [flight for flight in judged if flight["failure"] == failure]
+        named = [f for f in own if f["verdict"] == "missing" and f["input"] == _INPUTS.get(failure.removeprefix(PART))]
+        right = [f for f in named if (f["first"] == "control_damage") == failure.startswith(PART)]
+        unsure = [f for f in own if f["verdict"] == "unexplained"]
+        of_it = sum(f["input"] == _INPUTS.get(failure.removeprefix(PART)) for f in unsure)
+        none = sum(f["verdict"] == "none" for f in own)
+        other = len(own) - len(right) - len(unsure) - none
+        near = sum(abs(f["times"]["t0"] - f["begin"]) < 2.0 for f in right)
+        checked = sum(bool(f["check"]) for f in own)
+        what = "nothing" if failure == "none" else failure
+        unexplained = f"{len(unsure)} ({of_it} that control)" if unsure else "0"
+        rows.append([what, *map(str, (len(own), none, len(right), near, unexplained, other, checked))])
+    head = [
+        "fails",
+        "flights",
+        "none",
+        "named",
+        "dated within 2 s",
+        "unexplained",
+        "something else",
+        "a fault by `check`",
+    ]
+    return head, rows
+
+
+def lags(flown: list[dict[str, Any]]) -> Rows:
+    """Lags that `check` works out in flights in which nothing is late, over their standard errors."""
+    told: dict[str, list[tuple[float, float]]] = {}
+    for flight in flown:
+        for first, words, lag, std in flight.get("lags", ()):
+            kind = first.split(".")[0].replace("_", " ")
+            told.setdefault(f"{kind}: {words}", []).append((lag, std))
+    rows = []
+    for words, pairs in told.items():
+        times = [lag / std for lag, std in pairs]
+        rms = (sum(t * t for t in times) / len(times)) ** 0.5
+        usual = sorted(std for _, std in pairs)[len(pairs) // 2]
+        rows.append([words, str(len(pairs)), f"{usual:.3f}", f"{rms:.2f}", f"{max(map(abs, times)):.1f}"])
+    return ["relation", "lags", "usual standard error [s]", "rms of lag over it", "largest"], rows
 
 
 def thresholds() -> Rows:

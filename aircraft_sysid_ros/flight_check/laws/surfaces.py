@@ -22,7 +22,8 @@ from aircraft_sysid_ros.flight_check.signals import GYRO
 
 Array = npt.NDArray[np.float64]
 _SHORT, _LONG = 0.08, 6.0
-#: Longest shift of a surface [s] that is tried; what the law itself gets wrong [s], as a bias and as an error.
+#: Longest shift of a surface [s] that is tried; what the law itself gets wrong [s], as a bias beside two samples and as
+#: an error: at 10 Hz surfaces that an autopilot moves seemed to be 0.2 s late in a clean flight of JSBSim.
 _LONGEST, _LAG_TOLERANCE, _LAG_STD = 0.3, 0.015, 0.012
 #: Partial correlation with the turning below which nothing is said.
 _LEAST = 0.7
@@ -104,7 +105,7 @@ def _relation(motion: Motion, axis: _Axis) -> list[Relation]:
             GYRO[axis.rate],
             comparison,
             "the angular acceleration that it causes",
-            lag_tolerance=_LAG_TOLERANCE + motion.grid.step,
+            lag_tolerance=_LAG_TOLERANCE + 2.0 * motion.grid.step,
         )
     ]
 
@@ -145,6 +146,8 @@ def _scan(turning: Array, surface: Array, terms: Array, step: float) -> _Scan | 
     x, y = (v / np.maximum(np.linalg.norm(v, axis=-1, keepdims=True), 1e-300) for v in (x, y))
     partial = x @ y
     best = int(np.argmax(np.abs(partial)))
+    if abs(shifts[best]) == most:  # no maximum
+        return None
     beyond = partial - partial[best] * (x @ x[best])  # what the best shift leaves to another one
     opposite = float(np.max(-np.sign(partial[best]) * beyond))
     return _Scan(float(shifts[best] * step), float(partial[best]), opposite > _BOTH_WAYS * abs(partial[best]))
