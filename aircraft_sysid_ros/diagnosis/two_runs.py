@@ -21,18 +21,18 @@ from scipy.special import ndtr
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.diagnosis.compare import Comparison
 from aircraft_sysid_ros.diagnosis.flight.flight_data import FlightData
+from aircraft_sysid_ros.diagnosis.model_versions.constants_of_forces import with_bias
 from aircraft_sysid_ros.diagnosis.model_versions.versions import Run, folder_of, settings_of
 from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.identification.trust import Trust
-from aircraft_sysid_ros.run_reader import UNREADABLE, read_parameters, read_state
+from aircraft_sysid_ros.run_reader import UNREADABLE, read_parameters
 from aircraft_sysid_ros.samples import same_imu
 
 Array = npt.NDArray[np.float64]
 
 #: Keys that say which aeroplane it is.
 _AIRFRAME = ("mass", "wing_area", "span", "chord", "inertia")
-_FORCES = ("CX", "CY", "CZ")
 #: Signals whose ranges say where a flight was flown: name and factor to what people read, with the unit.
 _CONDITIONS = {"V": (1.0, "m/s"), "alpha": (180.0 / np.pi, "deg")}
 #: Parameters that a sentence names at most.
@@ -158,7 +158,7 @@ def side_by_side(runs: tuple[Run, Run], comparisons: tuple[Comparison, Compariso
     if same_version and first.path.resolve() == second.path.resolve():
         raise InputError(f"{second.path} is given twice: name another run, or the id of another version of it")
     one_flight = first.samples is not None and second.samples is not None and same_imu(first.samples, second.samples)
-    known = [_fitted(comparison, _of_bias(run)) for run, comparison in zip(runs, comparisons, strict=True)]
+    known = [_fitted(comparison, run) for run, comparison in zip(runs, comparisons, strict=True)]
     shared = [name for name in known[0] if name in known[1]]
     if not shared:
         raise InputError(f"{first.path} and {second.path} share no parameter that both flights determine")
@@ -193,27 +193,14 @@ def _held(run: Run) -> dict[str, str]:
         return {}
 
 
-def _of_bias(run: Run) -> Array:
-    """How well the bias of the accelerometer is known (3,) [m/s^2]; 0 where the run does not say."""
-    try:
-        stated = read_state(run.path).get("accelerometer_bias_std") or [None] * 3
-    except UNREADABLE:  # said of that file
-        stated = [None] * 3
-    return np.array([float(value or 0.0) for value in stated])
-
-
-def _fitted(comparison: Comparison, of_bias: Array) -> Fitted:
+def _fitted(comparison: Comparison, run: Run) -> Fitted:
     """Of what a flight determines."""
-    aircraft, qbar = comparison.flight.aircraft, comparison.flight.signal("qbar")
-    known = qbar[np.isfinite(qbar)]
-    per_bias = aircraft.mass / (float(np.median(known)) * aircraft.wing_area) if len(known) else 0.0
-    found = {}
+    whole, found = with_bias(run, comparison.flight), {}
     for axis, compared in comparison.axes.items():
-        force = per_bias * of_bias[_FORCES.index(axis)] if axis in _FORCES else 0.0
         fit = compared.fit
         for name, value, std in zip(fit.names, fit.parameters, fit.std, strict=True):
             if np.isfinite(value) and std > 0.0:
-                found[name] = (float(value), float(np.hypot(std, force if name == f"{axis}_0" else 0.0)))
+                found[name] = (float(value), whole(axis, name, float(std)))
     return found
 
 

@@ -121,6 +121,19 @@ def test_a_version_that_comes_back_keeps_its_place_in_the_history(run, aircraft)
     assert found == [(root, ()), (first, (root,)), (second, (first,))]
 
 
+def test_the_constant_of_a_force_is_known_no_better_than_the_bias_of_the_accelerometer(run, aircraft) -> None:
+    """It was said to be 5 to 11 times better, to USE, and was 7 standard errors off."""
+    version = add(run, "CZ: alpha**3").version
+    parameters = json.loads((run / "models" / version.identifier / "parameters.json").read_text())["parameters"]
+    known = {p["name"]: (p["value"], p["std"]) for p in parameters}
+    stated = json.loads((run / "state.json").read_text())["accelerometer_bias_std"]
+    per_bias = aircraft.mass / (float(np.median(open_run(run).flight().signal("qbar"))) * aircraft.wing_area)
+    for axis, of_bias in zip(("CX", "CY", "CZ"), stated, strict=True):
+        value, std = known[f"{axis}_0"]
+        assert std >= per_bias * of_bias > 0.0
+        assert abs(value - aircraft.coefficients[f"{axis}_0"]) < 3.0 * std
+
+
 def test_a_needless_term_is_said_to_be_one(run) -> None:
     outcome = add(run, "Cl: alpha*beta")
     errors = outcome.axes["Cl"]

@@ -31,6 +31,7 @@ from aircraft_sysid_ros.diagnosis.measurement import (
     stretch_of,
     try_setting,
 )
+from aircraft_sysid_ros.diagnosis.model_versions.constants_of_forces import with_bias
 from aircraft_sysid_ros.diagnosis.model_versions.failed_input import BY_FORCES, FailedInput, failed_input
 from aircraft_sysid_ros.diagnosis.model_versions.requests import label_of, parse_request
 from aircraft_sysid_ros.diagnosis.model_versions.versions import (
@@ -315,7 +316,7 @@ def _finish(
     if not axes:
         raise InputError(f"no axis that '{label}' enters can be fitted on this flight")
     names = [] if removed else [f"{axis}_{term_label(t)}" for axis, texts in change.terms.items() for t in texts]
-    parameters = parameters_of(other, after)
+    parameters = parameters_of(run, other, after)
     write_version(run, version, parameters, axes)
     new = [p for p in parameters if p["name"] in names]
     pairs = {axis: (before[axis], after[axis]) for axis in fitted if axis in before}
@@ -366,7 +367,7 @@ def _parameters_if_any(run: Run, version: Version) -> list[dict[str, Any]]:
     except InputError as error:
         names = version.aircraft.model.parameter_names
         return [{"name": n, "value": np.nan, "std": np.nan, "status": "HOLD", "reason": str(error)} for n in names]
-    return parameters_of(flight, fits_of(flight)[0])
+    return parameters_of(run, flight, fits_of(flight)[0])
 
 
 def _falls(axes: Mapping[str, Mapping[str, float]]) -> bool:
@@ -412,9 +413,9 @@ def _verdict(label: str, axes: Mapping[str, Mapping[str, float]], improved: bool
     return f"'{label}' does not lower the held-out error ({numbers}): {_NO_REASON}"
 
 
-def parameters_of(flight: FlightData, fits: Mapping[str, AxisFit]) -> list[dict[str, Any]]:
+def parameters_of(run: Run, flight: FlightData, fits: Mapping[str, AxisFit]) -> list[dict[str, Any]]:
     """Parameters of a model from all of the flight, each with its verdict, as in parameters.json."""
-    listed = []
+    listed, whole = [], with_bias(run, flight)
     for axis in AXES:
         names = flight.model.parameter_names[flight.model.axis_slice(axis)]
         fit = fits.get(axis)
@@ -423,7 +424,7 @@ def parameters_of(flight: FlightData, fits: Mapping[str, AxisFit]) -> list[dict[
                 reason = f"{axis} cannot be fitted on this flight"
                 listed.append({"name": name, "value": np.nan, "std": np.nan, "status": "HOLD", "reason": reason})
                 continue
-            value, std = float(fit.fit.parameters[j]), float(fit.fit.std[j])
+            value, std = float(fit.fit.parameters[j]), whole(axis, name, float(fit.fit.std[j]))
             share = std * float(np.std(fit.columns[fit.rows, j])) / fit.spread
             verdict = judge(Evidence(name, value, std, np.inf, share, len(fit.y), ""), TrustRules())
             reason = "not determined by this flight" if np.isnan(value) else verdict.reason
