@@ -103,6 +103,12 @@ class SideBySide:
     notes: tuple[str, ...]
 
     @property
+    def titles(self) -> tuple[str, ...]:
+        """Each run with its model, where the name does not say it."""
+        pairs = zip(self.runs, self.models, strict=True)
+        return tuple(name if model in name else f"{name} {model}" for name, model in pairs)
+
+    @property
     def differing(self) -> tuple[Difference, ...]:
         """Parameters that differ beyond doubt, the surest first."""
         return tuple(sorted((d for d in self.parameters if d.differs), key=lambda d: d.p_value))

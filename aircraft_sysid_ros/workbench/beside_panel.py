@@ -105,6 +105,8 @@ class BesidePanel(Panel):
             self._compare()
 
     def _chosen(self, event: events.ValueChangeEventArguments[Any]) -> None:
+        if event.sender is self._other and str(self._other.value).startswith(_OF_RUN):
+            self._one.value = self.page.view.current  # another flight is set beside the model as it is
         if self._pair.visible and self._one.value and self._other.value:
             self._compare()
 

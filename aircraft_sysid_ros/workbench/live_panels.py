@@ -177,6 +177,10 @@ class LiveAddPanel(AddPanel):
         """What the node was asked to add."""
         return [item.text for item in self.page.session.flight.added]
 
+    def taken_out(self) -> Sequence[str]:
+        """A node does not tell."""
+        return ()
+
     def back(self, label: str) -> tuple[str, str]:
         """The node takes out what it has added."""
         return REMOVE, label

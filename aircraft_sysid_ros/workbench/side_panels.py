@@ -224,18 +224,22 @@ class AddPanel(SidePanel):
         """After a change of the run."""
         self._help.show(markup.term_help((*SIGNALS, *self.inputs())))
         self._added.clear()
-        changes = self.changes()
+        changes, gone = self.changes(), self.taken_out()
         with self._added:
             if not changes:
                 ui.label(self.nothing).classes("soft")
-            for number, label in enumerate(changes):
-                with ui.row().style("align-items:center; width:100%; flex-wrap:nowrap; gap:10px"):
-                    ui.label(effect_name(label)).style("flex:1 1 auto")
-                    last = number == len(changes) - 1
-                    button = ui.button(
-                        "Undo" if last else "Take out", on_click=lambda _, t=label: self.do(*self.back(t))
-                    )
-                    self.changing(button.props("flat dense" + (" data-testid=undo" if last else "")))
+            for label in changes:
+                last = label == changes[-1] and not gone
+                self._listed(effect_name(label), self.back(label), is_last=last)
+            for label in gone:
+                self._listed(f"{effect_name(label)}: taken out", (ADD, label), is_last=True)
+
+    def _listed(self, words: str, back: tuple[str, str], *, is_last: bool) -> None:
+        """One change, and the button that takes it back."""
+        with ui.row().style("align-items:center; width:100%; flex-wrap:nowrap; gap:10px"):
+            ui.label(words).style("flex:1 1 auto")
+            button = ui.button("Undo" if is_last else "Take out", on_click=lambda: self.do(*back))
+            self.changing(button.props("flat dense" + (" data-testid=undo" if is_last else "")))
 
     def inputs(self) -> tuple[str, ...]:
         """Named inputs of the aircraft file."""
@@ -244,6 +248,13 @@ class AddPanel(SidePanel):
     def changes(self) -> Sequence[str]:
         """What was added, in order."""
         return list(self.page.view.changes)
+
+    def taken_out(self) -> Sequence[str]:
+        """What the last change took out of what was added."""
+        view = self.page.view
+        known = {version.identifier: version for version in view.versions}
+        before = next((known[v] for v in known[view.current].parents if v in known), None)
+        return [label for label in before.changes if label not in view.changes] if before is not None else []
 
     def back(self, label: str) -> tuple[str, str]:
         """The job that undoes a change: what was taken out is added again."""

@@ -80,7 +80,8 @@ def _serve(pipe: Connection, path: str) -> None:
             except OSError as error:
                 if isinstance(error, BrokenPipeError):
                     return
-                answer = Failed(job, f"the system refused {error.filename or path}: {error.strerror or error}")
+                refused = f"the system refused {error.filename or path}: {error.strerror or error}"
+                answer = Failed(job, refused if Path(path).exists() else f"the run {path} is gone, and this with it")
             except Exception as error:  # said on the page as the command line says it
                 answer = Failed(job, f"failed, {type(error).__name__}: {' '.join(str(error).split())}")
             pipe.send(answer)
@@ -176,7 +177,8 @@ class Desk:
                 draw_calibration,
                 lambda stage, done, of: self.progress(f"calibrate {job.text}: {stage}", done / of if of else 0.05),
             )
-        return f"stage 1: {result['decision']}; stage 2: {result['stage_2']}; kept in {out}"
+        said = f"stage 1: {result['decision']}; stage 2: {result['stage_2']}; kept in {out}"
+        return "; ".join([said, *result["notes"]])
 
     @contextmanager
     def _undoable(self, job: Job) -> Iterator[None]:

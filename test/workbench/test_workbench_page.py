@@ -84,7 +84,7 @@ def test_a_hidden_effect_is_seen_named_added_and_taken_back(server, open_page, c
     assert "Dihedral effect that depends on lift" in card and "By chance" in card and "Shown by" in card
     width = page.locator(marked("bar-Cl")).bounding_box()["width"]
     page.click(marked("add-0"))
-    wait_for_text(page, "notice", "the held-out error falls from".capitalize())
+    wait_for_text(page, "notice", "With 'dihedral_alpha' the held-out error falls from")
     after = compared(run, capsys)
     assert after["axes"]["Cl"]["nrmse_held_out"] < 0.5 * before["axes"]["Cl"]["nrmse_held_out"]
     wait_for_text(page, "held-out-Cl", shown(after, "Cl"))

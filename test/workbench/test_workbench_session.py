@@ -55,7 +55,7 @@ def test_jobs_one_at_a_time_and_the_folder_is_watched(session, run) -> None:
     assert not session.start(Job(REMOVE, "Cl: alpha*beta"))  # one is under way
     session.wait(120.0)
     assert session.view.current == open_run(run).current.identifier != first
-    assert session.sentence.startswith("the held-out error falls") and not session.is_bad
+    assert session.sentence.startswith("with 'Cl: alpha*beta' the held-out error falls") and not session.is_bad
     session.start(Job(ADD, "Cl: alpha*beta"))
     session.wait(120.0)
     assert session.is_bad and "already" in session.sentence
@@ -198,7 +198,7 @@ def test_what_is_asked_for_while_the_folder_is_read_is_done_then(run) -> None:
         assert not session.start(Job(DIAGNOSE))  # one waits
         session.wait(120.0)
         until(lambda: session.record is not None)
-        assert session.sentence.startswith("the held-out error falls") and not session.is_bad
+        assert session.sentence.startswith("with 'Cl: alpha*beta' the held-out error falls") and not session.is_bad
     finally:
         session.close()
 

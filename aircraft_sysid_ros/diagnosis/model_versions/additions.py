@@ -407,7 +407,7 @@ def _largest_change(axes: Mapping[str, Mapping[str, float]]) -> str:
 def _verdict(label: str, axes: Mapping[str, Mapping[str, float]], improved: bool, removed: bool, where: str) -> str:
     numbers = _largest_change(axes) + where
     if improved:
-        return f"the held-out error falls from {numbers}"
+        return f"{'without' if removed else 'with'} '{label}' the held-out error falls from {numbers}"
     if removed:
         return f"without '{label}' the held-out error goes from {numbers}"
     return f"'{label}' does not lower the held-out error ({numbers}): {_NO_REASON}"
