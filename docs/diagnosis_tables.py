@@ -297,10 +297,11 @@ def missions(flown: list[dict[str, Any]]) -> Rows:
     rows = []
     for failure in dict.fromkeys(flight["failure"] for flight in judged):
         own = [flight for flight in judged if flight["failure"] == failure]
-        named = [f for f in own if f["verdict"] == "missing" and f["input"] == _INPUTS.get(failure.removeprefix(PART))]
+        signal = _INPUTS.get(failure.removeprefix(PART), "")
+        named = [f for f in own if f["verdict"] == "missing" and f["input"] == signal]
         right = [f for f in named if (f["first"] == "control_damage") == failure.startswith(PART)]
         unsure = [f for f in own if f["verdict"] == "unexplained"]
-        of_it = sum(f["input"] == _INPUTS.get(failure.removeprefix(PART)) for f in unsure)
+        of_it = sum(f["input"] == signal for f in unsure)
         none = sum(f["verdict"] == "none" for f in own)
         other = len(own) - len(right) - len(unsure) - none
         near = sum(abs(f["times"]["t0"] - f["begin"]) < 2.0 for f in right)
@@ -326,7 +327,9 @@ def lags(flown: list[dict[str, Any]]) -> Rows:
     told: dict[str, list[tuple[float, float]]] = {}
     for flight in flown:
         for first, words, lag, std in flight.get("lags", ()):
-            kind = first.split(".")[0].replace("_", " ")
+            if first in _INPUTS:  # their standard error is that of the law
+                continue
+            kind, words = first.split(".")[0].replace("_", " "), words.replace("|", "\\|")
             told.setdefault(f"{kind}: {words}", []).append((lag, std))
     rows = []
     for words, pairs in told.items():
