@@ -13,7 +13,6 @@ from typing import Any
 from aircraft_sysid_ros.after_flight.compare import compare_run, compare_runs
 from aircraft_sysid_ros.commands.pictures import picture, picture_lines
 from aircraft_sysid_ros.commands.progress import telling
-from aircraft_sysid_ros.diagnosis.two_runs import ONE_FLIGHT
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.fleet.folder import is_fleet
 from aircraft_sysid_ros.report.diagnosis_figures import comparison_figure
@@ -127,7 +126,7 @@ def _beside(both: dict[str, Any]) -> list[str]:
         if only:
             lines.append(f"only in {run}: {' '.join(only)}")
     held_out = "on flight that was not fitted"
-    if any(note.startswith(ONE_FLIGHT) for note in both["notes"]):
+    if both["same_flight"]:
         held_out = "on its own states held out, on those of the other run as it was fitted to this flight"
     lines += ["", f"error in % of the spread, {held_out}: of the model of a on a, on b; of b on a, on b"]
     for axis, ((aa, ab), (ba, bb)) in both["errors"].items():

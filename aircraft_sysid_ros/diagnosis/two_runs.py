@@ -264,8 +264,7 @@ def _predicted(model: Comparison, flight: FlightData, axis: str) -> float:
     return float(np.sqrt(np.mean((measured - predicted)[judged] ** 2)) / spread) if spread > 0.0 else np.nan
 
 
-#: How a note begins that two runs are of the same recording.
-ONE_FLIGHT = "both runs are of one flight"
+_ONE_FLIGHT = "both runs are of one flight"
 
 
 def _notes(
@@ -273,9 +272,9 @@ def _notes(
 ) -> list[str]:
     notes = []
     if one_flight and same_version:
-        notes.append(f"{ONE_FLIGHT} and one model: replay them with other options to see a difference")
+        notes.append(f"{_ONE_FLIGHT} and one model: replay them with other options to see a difference")
     elif one_flight:
-        notes.append(f"{ONE_FLIGHT}: their differences are those of the models, and no chance is given for them")
+        notes.append(f"{_ONE_FLIGHT}: their differences are those of the models, and no chance is given for them")
     files = [settings_of(run.current.aircraft) for run in runs]
     unlike = [key for key in _AIRFRAME if files[0].get(key) != files[1].get(key)]
     if unlike:

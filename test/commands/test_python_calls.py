@@ -63,7 +63,9 @@ def test_calls_say_what_the_commands_say(run, capsys):
     assert {key: told[key] for key in keys} == json.loads(json.dumps(found.json))
     assert found.errors.nrmse_held_out["CZ"] == told["axes"]["CZ"]["nrmse_held_out"]
     added = sysid.add(run, "CZ: alpha**3")
-    assert added.errors.error_after["CZ"] < added.errors.error_before["CZ"] and added.verdict.startswith("the held-out")
+    assert added.errors.error_after["CZ"] < added.errors.error_before["CZ"] and added.verdict.startswith(
+        "with 'CZ: alpha**3' the held-out error falls"
+    )
     assert run.model == added.json["model"] != told["model"]
     value = run.parameters.value["CZ_alpha3"]
     assert value == pytest.approx(60.0, rel=0.1)  # what `simulate` hid
