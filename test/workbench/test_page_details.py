@@ -50,11 +50,12 @@ def test_a_button_without_anything_to_add_says_so(server, open_page) -> None:
     wait_for_text(page, "complaint", "Write a term with its axis, such as CZ: alpha**3")
     page.click(marked("add-effect"))
     wait_for_text(page, "no-effect", "Choose an effect first")
+    is_silent = "(s) => document.querySelector(s).innerText === ''"
     page.fill(marked("term"), "CZ: alpha**3")
+    page.wait_for_function(is_silent, arg=marked("complaint"))  # what stands below it moves up then
     page.locator(marked("effect")).click()
     page.click(".effect-menu .q-item >> nth=1")
-    for name in ("complaint", "no-effect"):
-        page.wait_for_function("(s) => document.querySelector(s).innerText === ''", arg=marked(name))
+    page.wait_for_function(is_silent, arg=marked("no-effect"))
 
 
 def test_an_address_that_is_none_leads_back(server, chromium) -> None:
