@@ -13,10 +13,16 @@ import numpy.typing as npt
 from failure_flights import SHAPE, FailureFlight, Layout, logged, really
 
 from aircraft_sysid_ros.aircraft.configuration import aircraft_from_dict
-from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.sensors.truth import Truth
 from aircraft_sysid_ros.simulation.closed_loop import Reading
-from aircraft_sysid_ros.simulation.jsbsim_flight import MODELS, RATE, JsbsimSetup, fly_jsbsim, prepare_jsbsim
+from aircraft_sysid_ros.simulation.jsbsim_flight import (
+    MODELS,
+    RATE,
+    JsbsimSetup,
+    OutOfControlError,
+    fly_jsbsim,
+    prepare_jsbsim,
+)
 from aircraft_sysid_ros.simulation.manoeuvres import Plan, level_plan
 from aircraft_sysid_ros.simulation.wind import low_altitude_turbulence, wind_series
 
@@ -58,26 +64,22 @@ def _mission(setup: JsbsimSetup, rng: np.random.Generator, time: Array) -> Plan:
 class _Broken:
     """Hands the commands on to the aeroplane, with the rates fed back, until what fails holds one of them."""
 
-    def __init__(self, setup: JsbsimSetup, failure: str, begin: float, end: float, share: float, count: int) -> None:
-        self._setup, self._failure, self._begin, self._end, self._share = setup, failure, begin, end, share
-        self._gains = 0.0
+    def __init__(
+        self, per: Array, gains: Array, failure: str, times: tuple[float, float], share: float, count: int
+    ) -> None:
+        """``per`` (4,): what a whole command moves; ``gains`` (3,): answers to q, p and r [rad per rad/s]."""
+        self._per, self._gains, self._failure, self._times, self._share = per, gains, failure, times, share
         self._held = np.zeros(4)
         self.commands = np.zeros((count, 4))
 
-    def damped_by(self, gains: Array) -> _Broken:
-        """With surfaces that answer to p, q and r by ``gains`` (3,) [rad per rad/s]."""
-        self._gains = gains
-        return self
-
     def __call__(self, executive: Any, i: int, wanted: Array) -> Array:
         """The commands (4,) of JSBSim that are set at step i."""
-        per = self._setup.control_per_command
         p, q, r = (executive[name] for name in _RATES)
         wanted = wanted.copy()
-        wanted[:3] += self._gains * np.array([q, p, r]) / per[:3]
+        wanted[:3] += self._gains * np.array([q, p, r]) / self._per[:3]
         wanted = np.clip(wanted, [-1.0, -1.0, -1.0, 0.0], 1.0)
         self.commands[i] = wanted
-        failed = self._begin <= i / RATE < self._end
+        failed = self._times[0] <= i / RATE < self._times[1]
         if not failed:
             self._held = wanted
         return really(self._failure, wanted, self._held, self._share) if failed else wanted
@@ -94,18 +96,14 @@ def _readings(truth: Truth, imu: Array) -> Array:
     return out
 
 
-def fly(seed: int, layout: Layout, failure: str, name: str = "") -> FailureFlight:
-    """One flight of an aeroplane of JSBSim, drawn or by ``name``, with the file of its user. Ends where it is lost."""
+def fly(seed: int, layout: Layout, failure: str) -> FailureFlight:
+    """One flight of an aeroplane of JSBSim, with the file of its user. Ends where it is lost."""
     rng = np.random.default_rng([seed, 61])
-    drawn = str(rng.choice(sorted(MODELS)))
-    setup = prepare_jsbsim(name or drawn)
+    setup = prepare_jsbsim(str(rng.choice(sorted(MODELS))))
     time = np.arange(int(DURATION * RATE)) / RATE
     plan = _mission(setup, rng, time)
-    heading, windy, gusts = (
-        rng.uniform(0.0, 2.0 * np.pi),
-        rng.uniform(0.0, 0.25) * setup.trim.airspeed,
-        rng.choice(GUSTS),
-    )
+    heading, windy = rng.uniform(0.0, 2.0 * np.pi), rng.uniform(0.0, 0.25) * setup.trim.airspeed
+    gusts = rng.choice(GUSTS)
     mean = np.array([windy * np.cos(heading), windy * np.sin(heading), 0.0])
     turbulence = low_altitude_turbulence(250.0, gusts) if gusts else None
     wind = wind_series(rng, len(time), 1.0 / RATE, mean, 0.01, setup.trim.airspeed, turbulence)
@@ -116,12 +114,11 @@ def fly(seed: int, layout: Layout, failure: str, name: str = "") -> FailureFligh
         begin = end = np.nan
     gains, imu = rng.uniform(0.0, 0.25, 3) * [1.0, 0.6, 1.0], rng.uniform(-IMU_PLACE, IMU_PLACE, 3)
     signs = -np.sign([setup.slopes.pitch_control, setup.slopes.roll_control, setup.slopes.yaw_control])
-    broken = _Broken(setup, failure, begin, end, share, len(time)).damped_by(gains * signs)
-    truth = _flown(setup, wind, plan, broken)
     per = setup.control_per_command
+    broken = _Broken(per, gains * signs, failure, (begin, end), share, len(time))
+    truth = _flown(setup, wind, plan, broken)
     commands = setup.trim.controls + (broken.commands[: len(truth.time)] - setup.trim_commands) * per
-    known = setup.aircraft
-    users = aircraft_from_dict({key: known.source[key] for key in SHAPE})
+    users = aircraft_from_dict({key: setup.aircraft.source[key] for key in SHAPE})
     samples = logged(truth.origin, layout, _readings(truth, imu), commands, rng, 1.0 / RATE)
     return FailureFlight(users, samples, failure, begin, end, share)
 
@@ -130,7 +127,6 @@ def _flown(setup: JsbsimSetup, wind: Array, plan: Plan, broken: _Broken) -> Trut
     """The flight, as long as it is one."""
     try:
         return fly_jsbsim(setup, wind, plan, adjust=broken)
-    except InputError as error:
-        words = str(error).split()
-        lost = float(words[words.index("after") + 1]) - _MOST_LOST
-    return fly_jsbsim(setup, wind[: int(lost * RATE)], plan, adjust=broken)
+    except OutOfControlError as error:
+        lasts = round(error.time, 1) - _MOST_LOST
+    return fly_jsbsim(setup, wind[: int(lasts * RATE)], plan, adjust=broken)

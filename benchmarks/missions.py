@@ -1,6 +1,6 @@
 """What `check` and `diagnose` say of missions of JSBSim's aeroplanes: clean ones, and such in which something fails.
 
-    python benchmarks/missions.py [--clean 48] [--failed 32] [--first 9930000] [--jobs 2]
+    python benchmarks/missions.py [--clean 60] [--failed 36] [--first 9930000] [--jobs 2]
 
 The flights are those of jsbsim_missions.py, each with a layout of a log that is drawn; each is a line in
 results/missions.jsonl. The user knows mass and shape. Seeds are drawn before and looked at once.
@@ -100,8 +100,8 @@ def summary(results: list[dict[str, Any]]) -> str:
 def main() -> None:
     """Fly what is not flown yet, and count."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--clean", type=int, default=48)
-    parser.add_argument("--failed", type=int, default=32)
+    parser.add_argument("--clean", type=int, default=60)
+    parser.add_argument("--failed", type=int, default=36)
     parser.add_argument("--first", type=int, default=FIRST, help="first seed")
     parser.add_argument("--jobs", type=int, default=len(os.sched_getaffinity(0)))
     parser.add_argument("--results", type=Path, default=RESULTS)

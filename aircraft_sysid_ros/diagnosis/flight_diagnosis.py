@@ -344,7 +344,7 @@ def with_setting_of(
             return None
         mended, _ = reconstruct_as_flown(better, flight.samples, with_covariance=False)
         more = CandidateEvaluator(settled_flight(mended)).best_of(terms) if terms is not None and left else None
-        if more is None or more.score <= more.price:
+        if more is None or not more.pays:
             break
         setting = replace(setting, value=setting_of(more, measuring, better, 0.0).value)
     found = _judged([setting], settled_flight(flight), settled_flight(mended), 1)

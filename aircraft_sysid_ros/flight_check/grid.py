@@ -140,7 +140,7 @@ def compare(y: Array, x: Array, step: float, longest_lag: float = 0.5) -> Compar
     slopes = [np.nan_to_num(np.gradient(np.where(common, v, np.nan))) for v in (x, y)]  # before gaps are filled
     x, y = (np.where(common, v - v[common].mean(), 0.0) for v in (x, y))
     size = 2 ** int(np.ceil(np.log2(2 * len(x))))
-    fx, fy, fm, f_slope, f_slope_of_y = (np.fft.rfft(v, size) for v in (x, y, common, *slopes))
+    fx, fy, fm = (np.fft.rfft(v, size) for v in (x, y, common))
     cross, auto_x, auto_y = (np.fft.irfft(f, size) for f in (fy * np.conj(fx), np.abs(fx) ** 2, np.abs(fy) ** 2))
     norm = np.sqrt(auto_x[0] * auto_y[0])
     most = min(round(longest_lag / step), len(x) // 4)
@@ -156,13 +156,13 @@ def compare(y: Array, x: Array, step: float, longest_lag: float = 0.5) -> Compar
     steps = round(lag / step)
     shifted = np.roll(x, steps)
     residual = np.where(common, y - (shifted @ y) / max(float(shifted @ shifted), 1e-300) * shifted, 0.0)
-    power = np.abs(np.fft.rfft(residual, size)) ** 2
-    auto_e = np.fft.irfft(power, size)
+    auto_e = np.fft.irfft(np.abs(np.fft.rfft(residual, size)) ** 2, size)
     together = 1.0 + 2.0 * np.sum(auto_x[1:memory] * auto_e[1:memory]) / max(auto_x[0] * auto_e[0], 1e-300)
     noise = np.sqrt(max(1.0 / r**2 - 1.0, 1e-12) * max(float(together), 1.0) / n) if r > 0.0 else np.inf
     spread = np.sqrt(auto_y[0] / auto_x[0])
     width = np.exp(min(3.0 * noise, 3.0))
-    bend = float(np.fft.irfft(f_slope_of_y * np.conj(f_slope), size)[steps])
+    before, after = max(-steps, 0), max(steps, 0)
+    bend = float(slopes[1][after : len(x) - before] @ slopes[0][before : len(x) - after])
     return Comparison(
         sign * r, spread * max(r, 1e-9) / width, spread / max(r, 1e-9) * width,
         lag, step * _lag_error(fx, fy, bend, size, steps, n), independent, n * step,

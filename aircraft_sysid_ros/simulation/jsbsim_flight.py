@@ -89,6 +89,14 @@ _ADAMS_BASHFORTH_2 = 3  # number of the method in JSBSim; its default for turnin
 Command = Callable[[int, Array], Array]
 
 
+class OutOfControlError(InputError):
+    """A flight that did not stay in the air, and from when [s] on."""
+
+    def __init__(self, name: str, time: float) -> None:
+        super().__init__(f"the JSBSim aircraft '{name}' goes out of control after {time:.1f} s")
+        self.time = time
+
+
 @dataclass(frozen=True)
 class JsbsimSetup:
     """A JSBSim aeroplane that was probed: its file, how commands move its controls, trim and autopilot."""
@@ -152,7 +160,7 @@ def fly_jsbsim(
     truth = truth_of_log(setup.aircraft, time, _run(executive, command, wind))
     lost = ~np.isfinite(truth.airspeed) | (truth.height < _WHEELS) | (np.abs(truth.alpha) > 0.6)
     if lost.any():
-        raise InputError(f"the JSBSim aircraft '{setup.name}' goes out of control after {time[np.argmax(lost)]:.1f} s")
+        raise OutOfControlError(setup.name, float(time[np.argmax(lost)]))
     return truth
 
 

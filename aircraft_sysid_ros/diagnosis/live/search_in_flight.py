@@ -394,9 +394,9 @@ def _check_value(name: str, values: Array, read: Array) -> None:
 def terms_of_effect(effect: Effect, flight: LiveFlight | None) -> tuple[Terms, bool]:
     """Terms of an effect with the variant and the inner numbers that fit best what is kept of the flight.
 
-    And whether they explain more of it than their numbers cost. Terms that the model has are left out.
-    Raises InputError where the flight lacks a signal or is too short to fit
-    inner numbers.
+    And whether they explain more than their numbers cost. Terms that the model has are left out.
+
+    Raises InputError where the flight lacks a signal or is too short to fit inner numbers.
     """
     if flight is None:
         raise InputError(
@@ -411,4 +411,4 @@ def terms_of_effect(effect: Effect, flight: LiveFlight | None) -> tuple[Terms, b
     terms = new_terms(data, trial)
     if not terms:
         raise InputError(why_no_terms(data, trial, effect.identifier))
-    return terms, trial.score > trial.price
+    return terms, trial.pays

@@ -170,21 +170,21 @@ def _of_effect(flight: FlightData, effect: Effect) -> tuple[Change, bool]:
     missing = flight.lacks(effect.signals)
     if missing:
         raise InputError(f"'{effect.identifier}' needs {' and '.join(missing)}, which this flight does not have")
-    trial, by_trim = _best_of(effect, flight)
+    trial = _best_of(effect, flight)
     if trial is None:
         raise InputError(f"nothing of '{effect.identifier}' can be fitted on this flight")
     new = new_terms(flight, trial)
     if not new:
         raise InputError(why_no_terms(flight, trial, effect.identifier))
-    return Change(terms=new), by_trim or trial.score > trial.price
+    return Change(terms=new), trial.pays
 
 
-def _best_of(effect: Effect, flight: FlightData) -> tuple[Score | None, bool]:
-    """An effect as ``diagnose`` finds it: by the trim of the flight, which is said, or else by all of it."""
+def _best_of(effect: Effect, flight: FlightData) -> Score | None:
+    """An effect as ``diagnose`` finds it: by the trim of the flight, or else by all of it."""
     trim = trim_finding(flight)
     if trim is not None and trim.trial.candidate.family == effect.identifier:
-        return trim.trial, True
-    return CandidateEvaluator(flight).best_of(effect), False
+        return trim.trial
+    return CandidateEvaluator(flight).best_of(effect)
 
 
 def _of_setting(run: Run, flight: FlightData, effect: Effect, progress: Progress) -> tuple[Change, Setting]:
@@ -202,7 +202,7 @@ def _of_setting(run: Run, flight: FlightData, effect: Effect, progress: Progress
         raise _only_gusts(effect)
     if not calm and effect.as_terms is not None:
         trial = CandidateEvaluator(flight).best_of(effect.as_terms)
-        if trial is None or trial.score <= trial.price:
+        if trial is None or not trial.pays:
             raise _only_gusts(effect)
         shown = setting_of(trial, [effect], run.current.aircraft, trial.score / trial.price)
         return Change(settings=((shown.variant.setting, shown.value),)), shown

@@ -82,6 +82,11 @@ class Score:
         return self.candidate.numbers * price_of_one(next(iter(self.gains.values())))
 
     @property
+    def pays(self) -> bool:
+        """It explains more than its numbers cost; or something else than held-out errors has told it."""
+        return bool(self.told_in) or self.score > self.price
+
+    @property
     def main_axis(self) -> str:
         """The axis that told it, or in which it explains most."""
         ratios = self.log_ratios
@@ -411,7 +416,7 @@ def shapes_of(bench: CandidateEvaluator, trial: Score) -> dict[str, list[Score]]
         texts = [text for term in terms for text in (f"({term})*abs({term})", f"({term})**3", f"alpha*({term})")]
         texts += again.candidate.terms.get(axis, ()) if again is not None else ()
         parts = [bench.trial(Candidate(None, "", (), {axis: (t,)})) for t in texts if len(t) <= MAXIMUM_LENGTH]
-        known = [part for part in parts if part is not None and part.score > part.price]
+        known = [part for part in parts if part is not None and part.pays]
         if known:
             shapes[axis] = sorted(known, key=lambda part: -part.score)
     return shapes

@@ -140,15 +140,23 @@ def _scan(turning: Array, surface: Array, terms: Array, step: float) -> _Scan | 
     y = turning[rows] - turning[rows].mean()
     y = y - basis @ (basis.T @ y)
     shifts = np.arange(-most, most + 1)
-    x = np.nan_to_num(surface)[rows - shifts[:, None]]
-    x = x - x.mean(axis=1, keepdims=True)
-    x = x - (x @ basis) @ basis.T
-    x, y = (v / np.maximum(np.linalg.norm(v, axis=-1, keepdims=True), 1e-300) for v in (x, y))
-    partial = x @ y
+    y = y / max(float(np.linalg.norm(y)), 1e-300)
+    filled = np.nan_to_num(surface)
+
+    def shifted(shift: int) -> Array:
+        """What the terms leave of the surface at a shift, of length 1."""
+        x = filled[rows - shift] - filled[rows - shift].mean()
+        x = x - basis @ (basis.T @ x)
+        return x / max(float(np.linalg.norm(x)), 1e-300)
+
+    partial = np.array([shifted(int(shift)) @ y for shift in shifts])
     best = int(np.argmax(np.abs(partial)))
     if abs(shifts[best]) == most:  # no maximum
         return None
-    beyond = partial - partial[best] * (x @ x[best])  # what the best shift leaves to another one
+    at_best = shifted(int(shifts[best]))
+    # worked out once more: all shifts of a long flight at once take too much room
+    shared = np.array([shifted(int(shift)) @ at_best for shift in shifts])
+    beyond = partial - partial[best] * shared  # what the best shift leaves to another one
     opposite = float(np.max(-np.sign(partial[best]) * beyond))
     return _Scan(float(shifts[best] * step), float(partial[best]), opposite > _BOTH_WAYS * abs(partial[best]))
 
