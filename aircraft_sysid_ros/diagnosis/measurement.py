@@ -33,6 +33,7 @@ from aircraft_sysid_ros.diagnosis.flight.reconstruction import (
     Likelihood,
     Reconstruction,
     flight_data_of,
+    likelihood_as_learnt,
     log_likelihood,
     reconstruct,
 )
@@ -45,6 +46,7 @@ from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.identification.coefficients.pace import interval_of
 from aircraft_sysid_ros.identification.coefficients.stream import coefficient_samples
 from aircraft_sysid_ros.processes import in_parallel
+from aircraft_sysid_ros.reconstruction.state import LearntNoise
 from aircraft_sysid_ros.samples import Kind, Samples, fewer_manoeuvres
 
 Array = npt.NDArray[np.float64]
@@ -59,10 +61,6 @@ _CALMER, _CALMEST = 0.5, 0.004
 _OF_MOTION = {"imu": Kind.IMU, "gps": Kind.GPS_VELOCITY}
 #: Errors of the air data that feign a wind.
 _OF_WIND = ("scale", "offset", "drift")
-#: Share of the gain of a delay that half of it must have. Of an error that goes with the delay half leaves a quarter of
-#: the square: ln 4 of the ln of how far it is above the noise, a tenth even where it is a thousand times that. A filter
-#: that starts one sample later learns other noise, which had made 141 of 6 from 0.03 to 0.05 s (JSBSim).
-_HALF_WAY = 0.08
 CONTROLS = "control_surfaces"
 #: Its rival, and the shares of a delay of the controls that the IMU is tried to be late by.
 IMU_LAG, _IMU_DELAY, _SHARES = "imu_lag", ("sensors", "imu", "delay"), (0.4, 0.6, 0.8, 1.0)
@@ -188,7 +186,7 @@ def jobs_of(flight: Reconstruction, library: Sequence[Effect], calm: bool) -> It
     """One per setting that the flight has samples for; scales of the air data only in calm air."""
     samples = stretch_of(flight)
     kinds = set(np.unique(samples.kind).tolist())
-    sensors = log_likelihood(flight.aircraft, samples)
+    sensors = likelihood_as_learnt(flight.aircraft, samples)
     of_controls = any(CONTROLS in variant.setting for effect in library for variant in effect.variants)
     controls = control_errors(flight, flight.aircraft) if of_controls else {}
     for effect in library:
@@ -237,11 +235,12 @@ def try_setting(job: Job) -> Setting:
         if beside_lag:
 
             def later(delay: float) -> float:
-                return log_likelihood(with_setting(changed, AIR_DATA_LAG, delay), samples).over(sensors)
+                again = with_setting(changed, AIR_DATA_LAG, delay)
+                return log_likelihood(again, samples, sensors.noise).over(sensors)
 
             lags[value], gained, _ = maximum(later, lag, 0.0, _LONGEST_LAG, THRESHOLDS.half_against)
             return gained
-        tried = log_likelihood(changed, samples)
+        tried = log_likelihood(changed, samples, sensors.noise)
         gained = tried.over(sensors)
         return min(gained, tried.over(sensors, tuple(AIR_DATA.values()))) if of_imu else gained
 
@@ -250,9 +249,7 @@ def try_setting(job: Job) -> Setting:
         found = maximum(gain, start, inner.low, inner.high, 0.5 * needed)
     value, best, curvature, walk = _in_its_wind(gain, walk, found, start, inner, needed) if feigns else (*found, walk)
     std = float(1.0 / np.sqrt(curvature)) if curvature > 0.0 else np.nan
-    of_delay = variant.setting[-1] == "delay" and not of_controls
-    best = 0.0 if of_delay and best > needed and gain(0.5 * (start + value)) < _HALF_WAY * best else best
-    if of_delay and not of_imu:
+    if variant.setting[-1] == "delay" and not (of_controls or of_imu):
         needed *= THRESHOLDS.gust_lag / max(abs(value - start), 1e-3)
     beside = ((AIR_DATA_LAG, float(f"{lags[value]:.4g}")),) if value in lags else ()
     found_so = Setting(effect, variant, start, float(f"{value:.4g}"), best, 0.0, std, beside=beside)
@@ -260,7 +257,7 @@ def try_setting(job: Job) -> Setting:
         best = 0.0
     elif best > needed and not of_controls and variant.setting[-1] != "drift":  # which begins anew with each half
         without = with_setting(flight.aircraft, ("process_noise", "wind"), walk)
-        best = best if _in_both_halves(in_file(found_so, without), without, samples) else 0.0
+        best = best if _in_both_halves(in_file(found_so, without), without, samples, sensors.noise) else 0.0
     return replace(found_so, gain=best, evidence=best / needed)
 
 
@@ -277,13 +274,13 @@ def sharpened(setting: Setting, flight: Reconstruction) -> Setting:
     if CONTROLS in key or setting.of_coefficients:
         return setting
     samples = stretch_of(flight)
-    as_it_is = log_likelihood(flight.aircraft, samples)
+    as_it_is = likelihood_as_learnt(flight.aircraft, samples)
 
     def gain(value: float) -> float:
         if value == now:
             return 0.0
         try:
-            return log_likelihood(with_setting(flight.aircraft, key, value), samples).over(as_it_is)
+            return log_likelihood(with_setting(flight.aircraft, key, value), samples, as_it_is.noise).over(as_it_is)
         except InputError:
             return -np.inf
 
@@ -324,13 +321,13 @@ def _in_its_wind(
     return best[0], best[1] - max(gain(start, first), gain(start, at), 0.0), best[2], at
 
 
-def _in_both_halves(better: Aircraft, file: Aircraft, samples: Samples) -> bool:
+def _in_both_halves(better: Aircraft, file: Aircraft, samples: Samples, noise: LearntNoise) -> bool:
     """Whether no half of the samples speaks against a setting, as far as a half can be flown by itself."""
     if np.any(samples.kind == Kind.SEAM):
         return True
     middle = (samples.stamp[0] + samples.stamp[-1]) // 2
     halves = (samples[samples.stamp < middle], samples[samples.stamp >= middle])
-    gains = [log_likelihood(better, half).over(log_likelihood(file, half)) for half in halves]
+    gains = [log_likelihood(better, half, noise).over(log_likelihood(file, half, noise)) for half in halves]
     return all(gained > -THRESHOLDS.half_against or not np.isfinite(gained) for gained in gains)
 
 
@@ -424,14 +421,17 @@ def imu_explains(late: Setting, flight: Reconstruction) -> bool:
     Attitude and GPS must not speak against it; the air data may, since gusts reach a probe before the wing.
     """
     samples = stretch_of(flight)
-    sensors, controls = log_likelihood(flight.aircraft, samples), control_errors(flight, flight.aircraft)
+    sensors, controls = likelihood_as_learnt(flight.aircraft, samples), control_errors(flight, flight.aircraft)
     start, delay = nominal(flight.aircraft, _IMU_DELAY), abs(late.value - late.nominal)
     for share in _SHARES:
         try:
             moved = with_setting(flight.aircraft, _IMU_DELAY, start + share * delay)
         except InputError:  # no file may hold so much
             break
-        if log_likelihood(moved, samples).over(sensors, tuple(AIR_DATA.values())) <= -THRESHOLDS.half_against:
+        if (
+            log_likelihood(moved, samples, sensors.noise).over(sensors, tuple(AIR_DATA.values()))
+            <= -THRESHOLDS.half_against
+        ):
             continue
         again = reconstruct(moved, flight.samples, with_covariance=False)
         if control_gain(controls, control_errors(again, moved)) >= THRESHOLDS.setting_as_good * late.gain:

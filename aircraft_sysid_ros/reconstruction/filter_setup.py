@@ -95,7 +95,13 @@ def held_wind(options: StateOptions, guide: int) -> Array:
 
 
 def new_setup(
-    aircraft: Aircraft, options: StateOptions, gate: Gate, origin: Array, imu: Array, guide: int = Kind.GPS_VELOCITY
+    aircraft: Aircraft,
+    options: StateOptions,
+    gate: Gate,
+    origin: Array,
+    imu: Array,
+    guide: int = Kind.GPS_VELOCITY,
+    learns: bool = True,
 ) -> Setup:
     """Setup of a flight with the origin (3,) of its positions; the first IMU sample may carry variances.
 
@@ -119,6 +125,7 @@ def new_setup(
         accelerometer_variance=_imu_variance(aircraft, "accelerometer", float(imu[6])),
         gyro_variance=_imu_variance(aircraft, "gyro", float(imu[7])),
         imu_given=(aircraft.sensors["accelerometer"].noise_is_given, aircraft.sensors["gyro"].noise_is_given),
+        learns=learns,
         learns_wind=learns_wind(aircraft) and guide != NO_GUIDE and not options.calm_air,
         accelerometer_walk=float(aircraft.process_noise["accelerometer_bias"]),
         gyro_walk=float(aircraft.process_noise["gyro_bias"]),

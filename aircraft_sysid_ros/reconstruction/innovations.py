@@ -70,7 +70,7 @@ def learns_from(kind: int, values: Array, base: Array, x: Array, setup: Setup, m
     """
     is_passed = setup.given[kind] and (memory.fused[kind] + memory.rejected[kind]) % _LOOKED_AT != 0
     is_of_use = not is_passed and kind != _MAGNETIC_FIELD and air_speed(x) >= setup.minimum_airspeed
-    return is_of_use and not is_held(values, np.sqrt(base[0]), outputs_of(kind), memory.noise[kind])
+    return setup.learns and is_of_use and not is_held(values, np.sqrt(base[0]), outputs_of(kind), memory.noise[kind])
 
 
 @njit(inline="always")  # its memory is handed over array by array otherwise

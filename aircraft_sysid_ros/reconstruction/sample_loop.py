@@ -131,7 +131,7 @@ def _look_at_interval(
     """Density (2,) of the noise of the IMU up to its sample at ``end`` [s], and its bend (6,), 0 where it is dense."""
     interval = end - memory.imu[0]
     of_force, of_rate = setup.accelerometer_variance, setup.gyro_variance
-    if air_speed(x) >= setup.minimum_airspeed:
+    if setup.learns and air_speed(x) >= setup.minimum_airspeed:
         learn_imu(end, values, of_force, of_rate, memory.imu_noise)
     sparse = is_sparse(interval, memory)  # what changes between its samples is motion
     scales = imu_scales(memory.imu_noise, largest_scale(sparse))

@@ -20,7 +20,7 @@ import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.frames import Vector
 from aircraft_sysid_ros.estimation.iterated_ekf import working_size
-from aircraft_sysid_ros.reconstruction.sensor_noise import new_channels, new_imu_noise
+from aircraft_sysid_ros.reconstruction.sensor_noise import SCALE, new_channels, new_imu_noise
 from aircraft_sysid_ros.records import Record, record
 
 # Nominal state, 19 numbers: velocity over ground and position NED, quaternion, biases, air-relative velocity.
@@ -182,6 +182,7 @@ class Setup(NamedTuple):
     accelerometer_variance: float
     gyro_variance: float
     imu_given: tuple[bool, bool]  # as ``given``, of accelerometer and gyro
+    learns: bool  # what the flight shows of its noise; False: it is as another run has learnt it
     learns_wind: bool  # the aircraft file says neither the random walk of the wind nor the noise of air data
     accelerometer_walk: float  # [m/s^2 per sqrt(s)]
     gyro_walk: float
@@ -252,6 +253,26 @@ class Memory(Record):
     eta: npt.NDArray[np.float64]  # (25,) working memory of an update: the state, its residual (3,), and the rest
     residual: npt.NDArray[np.float64]
     working: npt.NDArray[np.float64]
+
+
+class LearntNoise(NamedTuple):
+    """What a filter has learnt of noise and gusts in a flight, for another run over it."""
+
+    scales: npt.NDArray[np.float64]  # (kinds, 3) factors on the variances of sensors
+    imu: npt.NDArray[np.float64]  # (7, 6) as ``Memory.imu_noise``
+    calm_walk: npt.NDArray[np.float64]  # (1,) as ``Memory.calm_walk``
+
+
+def learnt_noise(memory: Memory) -> LearntNoise:
+    """What has been learnt."""
+    return LearntNoise(memory.noise[:, :, SCALE].copy(), memory.imu_noise.copy(), memory.calm_walk.copy())
+
+
+def take_noise(memory: Memory, noise: LearntNoise, learns_wind: bool) -> None:
+    """Begin with what another run has learnt; of the gusts where the aircraft file does not say how they are."""
+    memory.noise[:, :, SCALE], memory.imu_noise[:] = noise.scales, noise.imu
+    if learns_wind:
+        memory.calm_walk[:] = noise.calm_walk
 
 
 #: Random walk of the wind [m/s per sqrt(s)] at the start: that of moderate turbulence.

@@ -25,6 +25,7 @@ from aircraft_sysid_ros.reconstruction.filter_setup import (
     SENSOR_OF_KIND,
     gate_thresholds,
     guide_of,
+    learns_wind,
     new_setup,
     sensor_scales,
     with_options,
@@ -44,11 +45,13 @@ from aircraft_sysid_ros.reconstruction.state import (
     INFERRED,
     NO_GUIDE,
     STATE_SIZE,
+    LearntNoise,
     Memory,
     Setup,
     StateField,
     Status,
     new_memory,
+    take_noise,
     without_wind,
 )
 from aircraft_sysid_ros.reconstruction.state_row import wind_jacobian, wind_of
@@ -128,7 +131,7 @@ class StateEstimator:
     ``push`` takes samples as they arrive and returns rows of ``state.StateField``, one per IMU sample, complete
     up to ``horizon`` plus the longest sensor delay before the newest IMU stamp. With a ``tape`` it records what
     ``smooth`` needs at the end of the flight; errors of the air data have no place on it. A ``watch`` sees the same
-    samples, by the same stamps.
+    samples, by the same stamps. With ``noise`` it learns none: sensors are as noisy as another run has found them.
     """
 
     def __init__(
@@ -137,6 +140,7 @@ class StateEstimator:
         options: StateOptions | None = None,
         tape: SmootherHistory | None = None,
         watch: Watch | None = None,
+        noise: LearntNoise | None = None,
     ) -> None:
         self.aircraft = aircraft
         self.tape, self.watch = tape, watch
@@ -161,6 +165,9 @@ class StateEstimator:
         self._aligned = False
         self._has_biases = False
         self.memory: Memory = new_memory(len(Kind), aircraft.process_noise["wind"])
+        self._learns = noise is None
+        if noise is not None:
+            take_noise(self.memory, noise, learns_wind(aircraft))
         self._begin_gusty()
         self._flown: list[Sensors] = []  # of the manoeuvres before this one
         self._usable_before = np.zeros(len(Kind), np.int64)
@@ -576,7 +583,7 @@ class StateEstimator:
         return self._alignment.origin
 
     def _new_setup(self, imu: Array, guide: int = Kind.GPS_VELOCITY) -> Setup:
-        return new_setup(self.aircraft, self.options, self._gate, self._origin, imu, guide)
+        return new_setup(self.aircraft, self.options, self._gate, self._origin, imu, guide, self._learns)
 
 
 def _newest_airborne(rows: Array) -> Array | None:

@@ -16,12 +16,22 @@ from aircraft_sysid_ros.diagnosis.words import MeasurementFinding
 from aircraft_sysid_ros.effects import BY_ID
 from aircraft_sysid_ros.effects.effect import Effect, with_setting
 from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.reconstruction.state import LearntNoise
 from aircraft_sysid_ros.samples import Kind, Samples, samples_of
 from aircraft_sysid_ros.simulation.simulated_flight import simulate_samples
 
+#: Of a filter that nobody runs.
+NOISE = LearntNoise(np.ones((1, 3)), np.ones((7, 6)), np.ones(1))
+
 
 def likelihood(value: float, walk: float = 0.2) -> Likelihood:
-    return Likelihood(np.array([value]), np.ones(1), walk)
+    return Likelihood(np.array([value]), np.ones(1), walk, NOISE)
+
+
+def put_law(monkeypatch, module, law) -> None:
+    """In place of the filter: of aircraft and samples a likelihood, whatever noise it is told."""
+    monkeypatch.setattr(module, "log_likelihood", lambda aircraft, samples, noise=None: law(aircraft, samples))
+    monkeypatch.setattr(module, "likelihood_as_learnt", law)
 
 
 def setting_of(effect: Effect, value: float, which: int = 0) -> Setting:
@@ -70,7 +80,7 @@ def test_an_offset_is_one_of_angles_and_has_limits(aircraft):
 
 
 def test_gusts_beyond_the_largest_walk_are_no_calm_air(aircraft, monkeypatch):
-    monkeypatch.setattr(reconstruction, "log_likelihood", lambda aircraft, samples: likelihood(0.0, walk=50.0))
+    put_law(monkeypatch, reconstruction, lambda aircraft, samples: likelihood(0.0, walk=50.0))
     flown, calm = fit_wind_noise(aircraft, None)
     assert not calm and flown.process_noise["wind"] == reconstruction.LARGEST_WALK
 
@@ -114,8 +124,8 @@ def test_in_gusts_a_scale_that_lowers_no_error_must_be_surer(calm, after, level)
 @pytest.mark.parametrize(("gains", "kept"), [((40.0, 40.0), True), ((80.0, -1.0), True), ((90.0, -10.0), False)])
 def test_no_half_of_a_flight_may_speak_against_a_setting(aircraft, monkeypatch, gains, kept):
     halves = iter([gains[0], 0.0, gains[1], 0.0])
-    monkeypatch.setattr(measurement, "log_likelihood", lambda aircraft, samples: likelihood(next(halves)))
-    assert measurement._in_both_halves(aircraft, aircraft, imu_at(100.0)) is kept
+    put_law(monkeypatch, measurement, lambda aircraft, samples: likelihood(next(halves)))
+    assert measurement._in_both_halves(aircraft, aircraft, imu_at(100.0), NOISE) is kept
 
 
 def test_a_late_gps_and_a_late_imu_are_flown_as_they_are_hidden(aircraft):
@@ -135,27 +145,6 @@ def test_a_gps_that_is_late_is_found_in_gusts(aircraft):
     assert found.value - found.nominal == pytest.approx(lag - aircraft.sensors["gps_velocity"].delay, abs=0.05)
 
 
-@pytest.mark.parametrize(("law", "is_said"), [("quadratic", True), ("logarithm", True), ("jump", False)])
-def test_a_delay_that_half_of_it_does_nothing_for_is_none(calm_flight, monkeypatch, law, is_said):
-    """A filter that starts one sample later is another filter: of a likelihood that jumps there nothing is said."""
-    aircraft, flown = calm_flight
-    flight = reconstruction.reconstruct(aircraft, flown.samples, with_covariance=False)
-
-    def gained(aircraft, samples):
-        off = (aircraft.sensors["gyro"].delay - 0.06) / 0.06
-        gain = {
-            "quadratic": -100.0 * off**2,
-            "logarithm": -100.0 * np.log(1e-6 + off**2) / np.log(1e6),  # an error a thousand times the noise
-            "jump": 150.0 * (abs(off) < 0.4) - off**2,
-        }[law]
-        return Likelihood(np.full(len(Kind), gain / len(Kind)), np.ones(len(Kind)), 0.2)
-
-    monkeypatch.setattr(measurement, "log_likelihood", gained)
-    monkeypatch.setattr(measurement, "AIR_DATA", {})
-    (job,) = jobs_of(flight, [BY_ID["imu_lag"]], True)
-    assert (try_setting(job).evidence > 1.0) is is_said
-
-
 def test_what_the_file_leaves_out_goes_before_a_fault_that_is_little_better(aircraft):
     without = aircraft_from_dict({k: v for k, v in aircraft.source.items() if k != "air_data_position"})
     fault = replace(setting_of(BY_ID["alpha_scale"], 0.8), nominal=1.0, evidence=2.4, gain=48.0)
@@ -173,7 +162,7 @@ def test_calmer_air_is_looked_for_below_what_the_filter_found(aircraft, monkeypa
         walk = 0.04 if changed is silent else changed.process_noise["wind"]
         return likelihood(-5e4 * walk**1.5, walk=0.04)
 
-    monkeypatch.setattr(reconstruction, "log_likelihood", likelier_in_still_air)
+    put_law(monkeypatch, reconstruction, likelier_in_still_air)
     flown, calm = fit_wind_noise(silent, None)
     assert calm and silent.process_noise["wind"] == 0.2
     assert flown.process_noise["wind"] == pytest.approx(0.0025)
@@ -193,7 +182,7 @@ def valley(aircraft, place=0.15, lag=0.2):
 def test_the_place_of_a_probe_is_looked_for_along_the_valley_of_its_lag(aircraft, monkeypatch):
     """With the lag that alone is best, no other place is better; with the lag moved along, the true one is."""
     of = valley(aircraft)
-    monkeypatch.setattr(measurement, "log_likelihood", of)
+    put_law(monkeypatch, measurement, of)
     monkeypatch.setattr(measurement, "_in_both_halves", lambda *_: True)
     effect, late = BY_ID["probe_offset"], with_setting(aircraft, measurement.AIR_DATA_LAG, 0.245)
     flight = SimpleNamespace(aircraft=late)
@@ -205,7 +194,7 @@ def test_the_place_of_a_probe_is_looked_for_along_the_valley_of_its_lag(aircraft
 
 
 def test_what_was_mended_is_worked_out_again_beside_what_was_mended_later(aircraft, monkeypatch):
-    monkeypatch.setattr(measurement, "log_likelihood", valley(aircraft, place=0.0))
+    put_law(monkeypatch, measurement, valley(aircraft, place=0.0))
     monkeypatch.setattr(measurement, "stretch_of", lambda flight: flight.samples)
     lag, place = BY_ID["air_data_lag"], BY_ID["probe_offset"]
     flight = SimpleNamespace(aircraft=with_setting(aircraft, measurement.AIR_DATA_LAG, 0.21), samples=None)

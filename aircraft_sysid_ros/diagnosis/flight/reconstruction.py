@@ -33,7 +33,7 @@ from aircraft_sysid_ros.reconstruction.absences import has_airspeed, options_aft
 from aircraft_sysid_ros.reconstruction.options import StateOptions
 from aircraft_sysid_ros.reconstruction.smoother_history import SmootherHistory
 from aircraft_sysid_ros.reconstruction.sparse_imu import LONG
-from aircraft_sysid_ros.reconstruction.state import StateField
+from aircraft_sysid_ros.reconstruction.state import LearntNoise, StateField, learnt_noise
 from aircraft_sysid_ros.reconstruction.state_estimator import StateEstimator, nanoseconds, sensor_delays
 from aircraft_sysid_ros.samples import (
     SHORTEST,
@@ -199,6 +199,7 @@ class Likelihood:
     #: error of its own, or is told a noise that stands for one, a few in thousands are independent.
     independent: Array
     walk: float  # random walk of the wind [m/s per sqrt(s)] at the end
+    noise: LearntNoise  # as the run had it at the end
 
     def over(self, other: Likelihood, without: Sequence[Kind] = ()) -> float:
         """Logarithm by which this is likelier than another: a sensor counts as white as the whiter of both has it.
@@ -213,15 +214,20 @@ class Likelihood:
         return float(np.sum(terms))
 
 
-def log_likelihood(aircraft: Aircraft, samples: Samples) -> Likelihood:
-    """Of all innovations of the first step."""
-    state = StateEstimator(aircraft)
+def log_likelihood(aircraft: Aircraft, samples: Samples, noise: LearntNoise | None = None) -> Likelihood:
+    """Of all innovations of the first step, which learns the noise of sensors as it goes, unless it has ``noise``.
+
+    What is compared has one noise: a filter that starts a sample later learns another one, of an attitude that errs
+    slowly by a few per cent, and its likelihood then changes by tens for a delay of a sensor that it hardly uses.
+    """
+    state = StateEstimator(aircraft, noise=noise)
     state.push(samples)
     state.flush()
     sums, walk = state.memory.likelihood, float(state.memory.wind_walk[0])
     parts, independent = np.zeros(len(sums)), np.zeros(len(sums))
+    learnt = learnt_noise(state.memory)
     if not state.has_been_aligned:
-        return Likelihood(np.full(len(sums), -np.inf), independent, walk)
+        return Likelihood(np.full(len(sums), -np.inf), independent, walk, learnt)
     heard = sums[:, 1] > 0.0
     outputs, squares, determinants, normalised, means = sums[heard, :5].T
     parts[heard] = -0.5 * (outputs * np.log(squares / outputs) + determinants)
@@ -229,7 +235,12 @@ def log_likelihood(aircraft: Aircraft, samples: Samples) -> Likelihood:
     for name, kind in AIR_DATA.items():
         parts[kind] -= sums[kind, 0] * np.log(aircraft.sensors[name].scale)
     parts[Kind.AIRSPEED] -= sums[Kind.AIRSPEED, 0] * state.drift.mean_logarithm
-    return Likelihood(parts, independent, walk)
+    return Likelihood(parts, independent, walk, learnt)
+
+
+def likelihood_as_learnt(aircraft: Aircraft, samples: Samples) -> Likelihood:
+    """That of an aircraft with the noise that a run over the samples learns: others are compared with it at that."""
+    return log_likelihood(aircraft, samples, log_likelihood(aircraft, samples).noise)
 
 
 def as_flown(aircraft: Aircraft, samples: Samples) -> tuple[Aircraft, bool]:
@@ -259,14 +270,14 @@ def fit_wind_noise(aircraft: Aircraft, samples: Samples) -> tuple[Aircraft, bool
     airspeed, so that a scale of the airspeed would stand for a calmer atmosphere.
     """
     given = aircraft.process_noise["wind"]
-    of_file = log_likelihood(aircraft, samples)
+    of_file = likelihood_as_learnt(aircraft, samples)
 
     def climbed(walks: Iterable[float], best: Likelihood | None, least: float) -> Aircraft:
         """The aircraft with the last of some walks up to which each is likelier than the one before it."""
         likeliest = aircraft
         for walk in walks:
             other = aircraft if walk == given else with_setting(aircraft, ("process_noise", "wind"), walk)
-            likelihood = of_file if walk == given else log_likelihood(other, samples)
+            likelihood = of_file if walk == given else log_likelihood(other, samples, of_file.noise)
             if best is not None and likelihood.over(best) <= least:
                 break
             best, likeliest, least = likelihood, other, 0.0

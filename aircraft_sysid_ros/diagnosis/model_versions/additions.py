@@ -18,7 +18,7 @@ from aircraft_sysid_ros.diagnosis.flight.flight_data import FlightData
 from aircraft_sysid_ros.diagnosis.flight.reconstruction import (
     as_flown,
     fit_sensor_noise,
-    log_likelihood,
+    likelihood_as_learnt,
     reconstruct,
 )
 from aircraft_sysid_ros.diagnosis.imu_place import setting_of_forces
@@ -241,7 +241,7 @@ def _gust_jobs(aircraft: Aircraft, samples: Samples, effect: Effect) -> Iterator
         if variant.setting[0] == "process_noise":
             flight = reconstruct(fit_sensor_noise(aircraft, samples), samples, with_covariance=False)
             stretch = stretch_of(flight)
-            without = log_likelihood(flight.aircraft, stretch)
+            without = likelihood_as_learnt(flight.aircraft, stretch)
             yield flight, stretch, effect, variant, effect.inner[0], without, {}, True
 
 
