@@ -265,6 +265,12 @@ class Thresholds:
         "Share of the error that it must take: evidence grows with the length of a flight, and a model that is nearly",
         "right would change a little in any long one. The clean flights had 0.05 at most.",
     )
+    unrecorded_explained: float = _of(
+        0.3,
+        "Share of the axis that the model with such a change must explain, or nothing is known of what it does beside:",
+        "a clean flight of JSBSim that seemed to have one had 0.12, twelve with a rudder or a part of an aileron 0.56",
+        "to 0.97.",
+    )
 
     # -- in flight
     live_size: float = _of(

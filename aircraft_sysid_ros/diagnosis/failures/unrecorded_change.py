@@ -23,14 +23,15 @@ class UnrecordedChange(Episode):
 
 
 def unrecorded_change(searched: Iterable[tuple[FailureSearch, Judged]], first: float) -> UnrecordedChange | None:
-    """The likeliest of some changes of constants, which are sure, where it has size.
+    """The likeliest of some changes of constants, which are sure, where it has size and the rest is understood.
 
     ``first`` [s]: time of the first point of the series.
     """
-    search, best = max(searched, key=lambda item: item[1].evidence, default=(None, None))
+    understood = [(search, judged) for search, judged in searched if _explains(search, judged)]
+    search, best = max(understood, key=lambda item: item[1].evidence, default=(None, None))
     if search is None or best is None:
         return None
-    axis = max(best.gains, key=lambda a: best.gains[a])
+    axis = _main_axis(best)
     size = 1.0 - float(np.exp(-best.gains[axis] / search.count))  # a gain is n times ln of the ratio of errors
     if size < THRESHOLDS.unrecorded_size:
         return None
@@ -38,3 +39,18 @@ def unrecorded_change(searched: Iterable[tuple[FailureSearch, Judged]], first: f
     errors = {a: held_out_errors(search, best.hypothesis, a) for a in gains}
     times = times_of(search, best, first)
     return UnrecordedChange(times=times, evidence=best.evidence, gains=gains, main_axis=axis, size=size, errors=errors)
+
+
+def _main_axis(judged: Judged) -> str:
+    return max(judged.gains, key=lambda axis: judged.gains[axis])
+
+
+def _explains(search: FailureSearch, judged: Judged) -> bool:
+    """Whether the model with the change explains enough of its main axis for a change in that to mean something.
+
+    Where gyros are noisy the acceleration is noise for the most part, and the derivatives are not found in it: what the
+    one turn of a flight does is then as well a constant for as long as it lasts.
+    """
+    axis = _main_axis(judged)
+    left = np.var(search.fitted(axis, judged.hypothesis).residual) / np.var(search.relations[axis].response)
+    return bool(1.0 - left >= THRESHOLDS.unrecorded_explained)
