@@ -153,10 +153,12 @@ def fly(
     moved: bool = False,
     lasting: float | None = None,
     every: float = np.inf,
+    spool: float = 0.0,
 ) -> FailureFlight:
     """One flight. ``moved``: what fails goes where a test puts it, the rudder to a side and all else to its trim.
 
-    ``lasting`` [s]: how long it fails, else that is drawn; ``every`` [s]: it begins to fail so often.
+    ``lasting`` [s]: how long it fails, else that is drawn; ``every`` [s]: it begins to fail so often. ``spool`` [s]:
+    time constant with which the engine follows its command.
     """
     rng = np.random.default_rng([seed, 16])
     known = load_aircraft(config_path(str(rng.choice(AEROPLANES)) + ".yaml"))
@@ -176,6 +178,7 @@ def fly(
     count = int(duration / STEP)
     readings, commands, held = np.empty((count, Reading.WIDTH)), np.empty((count, 4)), np.zeros(4)
     gust = 0.3 * rng.standard_normal(count)
+    throttle = float(plane.setup.trim.controls[3])
     for k in range(count):
         readings[k], _ = plane.look()
         commands[k] = pilot.command(k, readings[k], gust[k : k + 1])
@@ -183,7 +186,9 @@ def fly(
         fails = 0.0 <= since % every < end - begin if since >= 0.0 else False
         if not fails:
             held = _put(failure, plane.setup.trim.controls, seed) if moved else commands[k]
-        plane.advance(really(failure, commands[k], held, share) if fails else commands[k])
+        throttle += (commands[k, 3] - throttle) * (min(STEP / spool, 1.0) if spool > 0.0 else 1.0)
+        done = np.array([*commands[k, :3], throttle])
+        plane.advance(really(failure, done, held, share) if fails else done)
         if -readings[k, Reading.POSITION][2] < -70.0:  # on the ground
             readings, commands = readings[: k + 1], commands[: k + 1]
             break

@@ -1,9 +1,11 @@
 """What `check` and `diagnose` say of missions of JSBSim's aeroplanes: clean ones, and such in which something fails.
 
     python benchmarks/missions.py [--clean 60] [--failed 36] [--first 9930000] [--jobs 2]
+    python benchmarks/missions.py --aeroplanes strangers --failed 0
 
 The flights are those of jsbsim_missions.py, each with a layout of a log that is drawn; each is a line in
-results/missions.jsonl. The user knows mass and shape. Seeds are drawn before and looked at once.
+results/missions.jsonl. The user knows mass and shape. Seeds are drawn before and looked at once. Of aeroplanes that
+are flown nowhere else, half of the flights have vanes; their results have a file of their own.
 """
 
 from __future__ import annotations
@@ -29,27 +31,33 @@ from aircraft_sysid_ros.flight_check.check import check
 from aircraft_sysid_ros.flight_check.finding import INFO
 from aircraft_sysid_ros.flight_check.relation import LEAST_FOR_LAG
 from aircraft_sysid_ros.flight_check.signals import flight_of
+from aircraft_sysid_ros.simulation.jsbsim_flight import MODELS
 
 RESULTS = Path(__file__).parent / "results" / "missions.jsonl"
 FIRST = 9_930_000
+USUAL = "usual"
+AEROPLANES = {USUAL: MODELS, "known": jsbsim_missions.KNOWN, "strangers": jsbsim_missions.STRANGERS}
 #: Rates [Hz] of a logger: of the IMU, of the commands, and of airspeed, 0 where there is none.
 IMU, COMMANDS, AIRSPEED = (10.0, 25.0, 50.0, 100.0), (2.5, 5.0, 10.0, 25.0, 50.0), (0.0, 5.0, 10.0, 20.0)
 FAILURES = ("elevator", "aileron", "rudder", "engine", PART_OF + "elevator", PART_OF + "aileron")
 
 
-def layout_of(seed: int) -> Layout:
+def layout_of(seed: int, some_have_vanes: bool = False) -> Layout:
     """What a log holds, drawn; of four flights one has no airspeed."""
     rng = np.random.default_rng([seed, 62])
     imu = float(rng.choice(IMU))
-    return Layout(imu, min(float(rng.choice(COMMANDS)), imu), float(rng.choice(AIRSPEED)), elevons=False)
+    commands, airspeed = min(float(rng.choice(COMMANDS)), imu), float(rng.choice(AIRSPEED))
+    vanes = some_have_vanes and airspeed > 0.0 and bool(rng.random() < 0.5)
+    return Layout(imu, commands, airspeed, elevons=False, vanes=vanes)
 
 
 def fly(job: dict[str, Any]) -> dict[str, Any]:
     """One flight and what is said of it."""
-    layout = layout_of(job["seed"])
+    aeroplanes = AEROPLANES[job.get("aeroplanes", USUAL)]
+    layout = layout_of(job["seed"], "aeroplanes" in job)
     result = {**job, "imu": layout.imu, "commands": layout.controls, "airspeed": layout.airspeed}
     try:
-        flight = jsbsim_missions.fly(job["seed"], layout, job["failure"])
+        flight = jsbsim_missions.fly(job["seed"], layout, job["failure"], aeroplanes)
         checked = check(flight_of(flight.samples, flight.samples.stamp), textbook_model())
         said = answer(flight.aircraft, flight.samples, calm_air=not layout.airspeed)
     except InputError as error:
@@ -77,10 +85,11 @@ def fly(job: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-def jobs(clean: int, failed: int, first: int) -> list[dict[str, Any]]:
+def jobs(clean: int, failed: int, first: int, aeroplanes: str = USUAL) -> list[dict[str, Any]]:
     """Clean flights, and flights in which the failures take turns."""
-    flights = [{"seed": first + n, "failure": "none"} for n in range(clean)]
-    return flights + [{"seed": first + 50_000 + n, "failure": FAILURES[n % len(FAILURES)]} for n in range(failed)]
+    flights: list[dict[str, Any]] = [{"seed": first + n, "failure": "none"} for n in range(clean)]
+    flights += [{"seed": first + 50_000 + n, "failure": FAILURES[n % len(FAILURES)]} for n in range(failed)]
+    return flights if aeroplanes == USUAL else [{**job, "aeroplanes": aeroplanes} for job in flights]
 
 
 def summary(results: list[dict[str, Any]]) -> str:
@@ -104,10 +113,13 @@ def main() -> None:
     parser.add_argument("--failed", type=int, default=36)
     parser.add_argument("--first", type=int, default=FIRST, help="first seed")
     parser.add_argument("--jobs", type=int, default=len(os.sched_getaffinity(0)))
-    parser.add_argument("--results", type=Path, default=RESULTS)
+    parser.add_argument("--aeroplanes", choices=list(AEROPLANES), default=USUAL)
+    parser.add_argument("--results", type=Path, help="default: missions.jsonl, or one named for the aeroplanes")
     args = parser.parse_args()
+    named = RESULTS if args.aeroplanes == USUAL else RESULTS.with_stem(f"missions_{args.aeroplanes}")
+    wanted = jobs(args.clean, args.failed, args.first, args.aeroplanes)
     results = []
-    for result in flown(fly, jobs(args.clean, args.failed, args.first), args.results, args.jobs):
+    for result in flown(fly, wanted, args.results or named, args.jobs):
         results.append(result)
         print(
             f"{len(results)}: {result['seed']} {result['failure']} {result.get('verdict')} {result.get('input')}",

@@ -45,6 +45,7 @@ MODELS = {"c172p": 95.0, "c182": 110.0, "J3Cub": 60.0}
 FOOT, INCH, POUND, SLUG = 0.3048, 0.0254, 4.4482216152605, 14.593902937
 GROUND, ALTITUDE = 290.0, 900.0  # [m]
 _NED = ("north", "east", "down")
+_PROPELLER = "propulsion/engine/propeller-rpm"
 #: What is logged: group, property, factor to SI.
 _LOG: tuple[tuple[str, str, float], ...] = (
     ("place", "position/lat-geod-rad", 1.0),
@@ -68,7 +69,7 @@ _LOG: tuple[tuple[str, str, float], ...] = (
     ("controls", "fcs/flap-pos-rad", 1.0),
     ("controls", "fcs/throttle-pos-norm", 1.0),
     ("controls", "propulsion/engine/thrust-lbs", POUND),
-    ("controls", "propulsion/engine/propeller-rpm", 2.0 * np.pi / 60.0),
+    ("controls", _PROPELLER, 2.0 * np.pi / 60.0),
 )
 #: Columns of the log by group.
 _AT = {group: np.flatnonzero([g == group for g, _, _ in _LOG]) for group, _, _ in _LOG}
@@ -109,12 +110,16 @@ class JsbsimSetup:
     slopes: Derivatives
     qbar: float  # [Pa]
     autopilot: Autopilot
+    speed: float  # calibrated [kt]
 
 
-def prepare_jsbsim(name: str = DEFAULT_MODEL) -> JsbsimSetup:
-    """Trim a JSBSim aeroplane, move its controls a little for some seconds, and fit gains to what happens."""
-    aircraft = aircraft_from_dict(jsbsim_aircraft_file(name))
-    executive = trimmed(name)
+def prepare_jsbsim(name: str = DEFAULT_MODEL, speed: float | None = None) -> JsbsimSetup:
+    """Trim a JSBSim aeroplane, move its controls a little for some seconds, and fit gains to what happens.
+
+    ``speed``: calibrated airspeed [kt]; an aeroplane that is none of MODELS needs one.
+    """
+    aircraft = aircraft_from_dict(jsbsim_aircraft_file(name, speed))
+    executive = trimmed(name, speed=speed)
     trim_commands = np.array([executive[command] for command in COMMANDS])
     time = np.arange(int(_PROBE_TIME * RATE)) / RATE
     commands = trim_commands + _PROBE_SIZE * orthogonal_multisines(time, _PROBE_TIME, 1.0)
@@ -129,7 +134,8 @@ def prepare_jsbsim(name: str = DEFAULT_MODEL) -> JsbsimSetup:
     slopes = fitted_derivatives(aircraft, truth)
     qbar = float(0.5 * start.density[0] * start.airspeed[0] ** 2)
     autopilot = autopilot_for(aircraft, trim, slopes)
-    return JsbsimSetup(name, aircraft, trim, trim_commands, np.array(gains), slopes, qbar, autopilot)
+    known = MODELS[name] if speed is None else speed
+    return JsbsimSetup(name, aircraft, trim, trim_commands, np.array(gains), slopes, qbar, autopilot, known)
 
 
 def fly_jsbsim(
@@ -149,7 +155,7 @@ def fly_jsbsim(
     time = np.arange(len(wind)) / RATE
     if plan is None:
         plan = flight_plan(time, excitation_of(setup))
-    executive = trimmed(setup.name, folder, ground)
+    executive = trimmed(setup.name, folder, ground, setup.speed)
     _settle(executive, setup, wind[0])
     pilot = _pilot(setup, plan)
 
@@ -169,9 +175,9 @@ def excitation_of(setup: JsbsimSetup) -> Excitation:
     return excitation_for(setup.aircraft, setup.qbar, setup.trim, setup.slopes)
 
 
-def jsbsim_aircraft_file(name: str = DEFAULT_MODEL) -> dict[str, Any]:
+def jsbsim_aircraft_file(name: str = DEFAULT_MODEL, speed: float | None = None) -> dict[str, Any]:
     """Content of an aircraft file for a JSBSim aeroplane; without coefficients, which nobody knows."""
-    executive = trimmed(name)
+    executive = trimmed(name, speed=speed)
 
     def inertia(axes: str) -> float:
         return float(executive[f"inertia/i{axes}-slugs_ft2"] * SLUG * FOOT**2)
@@ -256,16 +262,18 @@ def _slope(x: Array, y: Array) -> float:
     return float(np.polyfit(x - x.mean(), y - y.mean(), 1)[0])
 
 
-def trimmed(name: str, folder: Path | None = None, ground: float = GROUND) -> Any:
+def trimmed(name: str, folder: Path | None = None, ground: float = GROUND, speed: float | None = None) -> Any:
     """JSBSim executive in straight level trim; InputError when it is not installed or does not trim.
 
-    The files of the aeroplane are those of JSBSim, or in ``folder``/name; ``ground`` [m] is the terrain's altitude.
+    The files of the aeroplane are those of JSBSim, or in ``folder``/name; ``ground`` [m] is the terrain's altitude, and
+    ``speed`` [kt] the calibrated airspeed, by default that of MODELS.
     """
     try:
         import jsbsim
     except ImportError:
         raise MissingExtra("aeroplanes of JSBSim", "jsbsim", "simulation") from None
-    if name not in MODELS:
+    speed = MODELS.get(name) if speed is None else speed
+    if speed is None:
         raise InputError(f"unknown JSBSim aircraft '{name}': use one of {' '.join(MODELS)}")
     os.environ.setdefault("JSBSIM_DEBUG", "0")  # or it prints a banner on standard output
     executive = jsbsim.FGFDMExec(None)
@@ -282,7 +290,7 @@ def trimmed(name: str, folder: Path | None = None, ground: float = GROUND) -> An
     for key, value in {
         "ic/lat-geod-rad": LATITUDE, "ic/long-gc-rad": LONGITUDE, "ic/terrain-elevation-ft": ground / FOOT,
         "ic/h-sl-ft": ALTITUDE / FOOT, "ic/psi-true-deg": 0.0, "ic/gamma-deg": 0.0,
-        "ic/vc-kts": MODELS[name],
+        "ic/vc-kts": speed,
         "gear/gear-cmd-norm": 0.0, "fcs/mixture-cmd-norm": 0.87, "fcs/throttle-cmd-norm": 0.6,
     }.items():  # fmt: skip
         executive[key] = value
@@ -292,7 +300,7 @@ def trimmed(name: str, folder: Path | None = None, ground: float = GROUND) -> An
     try:
         executive.do_trim(1)
     except jsbsim.TrimFailureError:
-        raise InputError(f"the JSBSim aircraft '{name}' does not trim at {MODELS[name]:g} kt") from None
+        raise InputError(f"the JSBSim aircraft '{name}' does not trim at {speed:g} kt") from None
     return executive
 
 
@@ -364,8 +372,17 @@ def _run(executive: Any, command: Command, wind: Array) -> Array:
 
 
 def log_row(executive: Any) -> Array:
-    """What JSBSim reports now, in SI, shape (columns of _LOG,)."""
-    return np.array([executive[name] * factor for _, name, factor in _LOG])
+    """What JSBSim reports now, in SI, shape (columns of _LOG,); a jet has no propeller."""
+    return np.array([_value(executive, name) * factor for _, name, factor in _LOG])
+
+
+def _value(executive: Any, name: str) -> float:
+    try:
+        return float(executive[name])
+    except KeyError:
+        if name != _PROPELLER:
+            raise
+        return 0.0
 
 
 def truth_of_log(aircraft: Aircraft, time: Array, log: Array) -> Truth:

@@ -40,6 +40,7 @@ from aircraft_sysid_ros.samples import Kind
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "benchmarks"))
 import failure_flights as flights
+import jsbsim_missions as missions
 
 
 @pytest.fixture(scope="module")
@@ -178,6 +179,22 @@ def test_an_engine_that_fails_is_named_and_dated_at_10_hz(engine, engine_report)
 def test_nothing_is_named_where_nothing_fails(layout) -> None:
     flight = flights.fly(3002, flights.LAYOUTS[layout], "none")
     assert not failures_of(flight.aircraft, flight.samples).says_something
+
+
+@pytest.mark.parametrize("seed", [7100, 7105])
+def test_an_engine_that_takes_seconds_to_follow_its_throttle_is_dated_all_the_same(seed) -> None:
+    layout = list(flights.LAYOUTS.values())[seed % 4]
+    flight = flights.fly(seed, layout, "engine", spool=3.0)
+    (found,) = failures_of(flight.aircraft, flight.samples).found
+    assert found.name == "engine" and found.is_loss_of_thrust and abs(found.begin - flight.begin) < 1.5
+
+
+def test_a_jet_that_is_throttled_back_has_not_lost_its_engine() -> None:
+    """JSBSim's 737 makes no thrust while it idles, nor in the 5 s after that in which its turbines spool up."""
+    layout = flights.Layout(10.0, 10.0, 20.0, elevons=False, vanes=True)
+    flight = missions.fly(3118, layout, "none", {"737": missions.KNOWN["737"]})
+    report = by_forces(flight.aircraft, flight.samples)
+    assert report is not None and not report.says_something
 
 
 @pytest.mark.parametrize(("seed", "failure"), [(9720005, "engine"), (9710003, "none")])

@@ -42,6 +42,7 @@ def test_a_sentence_begins_with_a_capital_but_a_path_stays_what_it_is() -> None:
         ("Cm_de is HOLD; a 3-2-1-1", '<span class="mono">Cm_de</span> is HOLD; a 3-2-1-1'),
         ("`aircraft-sysid add` <b>", '<span class="mono">aircraft-sysid add</span> &lt;b&gt;'),
         ("10^6 times, f-2, 1-3 s, 5 %, T_c", "10⁶ times, f-2, 1-3 s, 5 %, T<sub>c</sub>"),
+        ("try '-0.3*alpha - CX', not -2", "try &#39;-0.3*alpha - CX&#39;, not −2"),
         ("under 'model' CX: [1, alpha] has it", "under &#39;model&#39; CX: [1, alpha] has it"),
     ],
 )

@@ -20,6 +20,8 @@ Array = npt.NDArray[np.float64]
 
 #: Share of the usual thrust below which it is called lost.
 THRUST_LEFT = 0.35
+#: An engine is asked for thrust where its throttle is above this share of what it is at other times, the mean.
+HALF = 0.5
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,6 +34,7 @@ class Failure(Episode):
     left_std: float
     level: float  # at which the input seems to stay; of an engine as a share of what was asked for
     asked: float  # what was recorded meanwhile, the mean
+    asked_for: float  # [s] of that in which it was told to do more than half of what it does at other times
     usual: float  # standard deviation of the input at other times
     moved: float  # and meanwhile
     recorded: bool = False  # the recorded input says so itself: the throttle was cut
@@ -84,6 +87,8 @@ def described(balance: ForceBalance, search: FailureSearch, judged: Judged) -> F
     usual, moved = (
         float(np.sqrt(np.cov(acting.values, aweights=np.clip(share, 1e-6, 1.0)))) for share in (1.0 - failed, failed)
     )
+    elsewhere = float(np.sum((1.0 - failed) * acting.values) / max(np.sum(1.0 - failed), 1e-9))
+    asked_for = search.step * float(np.sum(failed[acting.values > HALF * elsewhere]))
     moving = failed * ((relation.columns[:, at] - still) @ fitted.parameters[at])
     columns = relation.columns if is_part else columns_of(relation, hypothesis)
     constant = [failed * acting.per_unit[:, 0]] if is_part else []
@@ -95,7 +100,7 @@ def described(balance: ForceBalance, search: FailureSearch, judged: Judged) -> F
         name=hypothesis.name, kind=hypothesis.kind, times=times_of(search, judged, float(balance.time[0])),
         evidence=judged.evidence, gains=dict(judged.gains), main_axis=axis, size=1.0 - after / before,
         errors=errors, left=float(is_part + with_rest.parameters[-1]),
-        left_std=float(with_rest.std[-1]), level=level, asked=asked, usual=usual, moved=moved,
+        left_std=float(with_rest.std[-1]), level=level, asked=asked, asked_for=asked_for, usual=usual, moved=moved,
     )  # fmt: skip
 
 

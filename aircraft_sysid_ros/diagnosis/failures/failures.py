@@ -7,7 +7,7 @@ its own best times, and when what is left of the input's effect in the interval 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -39,10 +39,15 @@ Array = npt.NDArray[np.float64]
 ENGINE_BAND = 1.0
 #: Band [Hz] from which a lead of the inputs matters.
 QUICK_BAND = 2.0
+#: Time constants [s] of an engine that follows its throttle: a piston engine at once, a turbofan in some seconds.
+SPOOLS = (0.0, 0.5, 1.0, 2.0, 4.0)
 #: Leads [s] of the recorded inputs that are tried: commands run ahead of what they move.
 LEADS = (0.0, 0.06, 0.12, 0.2)
 #: A throttle stands at its lowest within this share of its range; before it was cut it was there so seldom (share).
 IDLE, USUALLY_IDLE = 0.02, 0.05
+#: Share of its evidence by which an engine that stays at some thrust must be ahead of one that makes none: thrust is no
+#: straight line in the throttle, and a dead propeller has a drag. A judgement.
+NEARLY_NIL = 0.3
 #: Forces that agree with a throttle that was cut: within this time [s], and with this evidence.
 CUT_TIME, CUT_EVIDENCE = 3.0, 5.0
 #: ln of the likelihood that the model loses without an input which a flight tells: that of five standard errors.
@@ -74,6 +79,7 @@ class _Searched(NamedTuple):
     """What was found of a job."""
 
     frozen: float  # the most evidence that freezing the input has
+    score: float  # ln of the likelihood with the input frozen or as it is, less what numbers cost
     constant: Judged  # the likeliest other constant of its axes
     failure: Failure | None
     unlike: Failure | None  # where it surely does not do what it did, and that is not told as a failure
@@ -109,16 +115,15 @@ def engine_of(aircraft: Aircraft, samples: Samples) -> FailureReport | None:
     """
     if np.any(samples.kind == Kind.SEAM):
         return None
-    balance = force_balance(aircraft, samples, ENGINE_BAND)
-    relation = relations_of(balance).get("CX")
-    stands_for_thrust = np.isfinite(balance.full_thrust).all()  # the throttle does
-    if relation is None or ENGINE not in relation.acting or not stands_for_thrust:
+    forms = _with_spools(aircraft, samples)
+    stands_for_thrust = np.isfinite(forms[0].balance.full_thrust).all()  # the throttle does
+    if forms[0].search.axes_of(ENGINE) != ["CX"] or not stands_for_thrust:
         return None
-    form = _Form(balance, FailureSearch({"CX": relation}, balance.step), THRESHOLDS.failure_evidence)
-    searched = _searched(_Job(form, ENGINE))
+    jobs = [_Job(form, ENGINE) for form in forms]
+    ((job, searched),) = _likeliest([*zip(jobs, in_parallel(_searched, jobs), strict=True)])
     found = () if searched.failure is None else (searched.failure,)
     shown = frozenset({ENGINE} if searched.is_shown else ())
-    return FailureReport(found, None, (), (ENGINE,), shown, ("CX",), {}, balance)
+    return FailureReport(found, None, (), (ENGINE,), shown, ("CX",), {}, job.form.balance)
 
 
 def failures_of(
@@ -131,17 +136,19 @@ def failures_of(
     with_leads = _with_leads(aircraft, samples)
     motion = _best_lead(with_leads, THRESHOLDS.failure_evidence, of_motion=True)
     acceleration = _best_lead(with_leads, THRESHOLDS.acceleration_evidence, of_motion=False)
-    slow = force_balance(aircraft, samples, ENGINE_BAND)
-    engine = _Form(slow, FailureSearch(relations_of(slow), slow.step), THRESHOLDS.failure_evidence)
     jobs = [_Job(form, name) for name in motion.inputs(of_thrust=False) for form in (motion, acceleration)]
-    jobs += [_Job(engine, name) for name in engine.inputs(of_thrust=True)]
+    count = len(jobs)
+    jobs += [_Job(form, name) for form in _with_spools(aircraft, samples) for name in form.inputs(of_thrust=True)]
     found: list[tuple[_Form, Failure]] = []
     evidence: dict[str, float] = {}  # the most that freezing an input has
     constants: list[tuple[_Form, Judged]] = []
     shown: set[str] = set()
     unlike: list[Failure] = []
-    for number, (job, searched) in enumerate(zip(jobs, in_parallel(_searched, jobs), strict=True), 1):
-        progress(number / len(jobs))
+    results: list[tuple[_Job, _Searched]] = []
+    for each in zip(jobs, in_parallel(_searched, jobs), strict=True):
+        results.append(each)
+        progress(len(results) / len(jobs))
+    for job, searched in (*results[:count], *_likeliest(results[count:])):
         evidence[job.name] = max(evidence.get(job.name, -np.inf), searched.frozen)
         constants.append((job.form, searched.constant))
         shown |= {job.name} if searched.is_shown else set()
@@ -184,7 +191,8 @@ def _searched(job: _Job) -> _Searched:
     if failure is None and name == ENGINE:
         failure = _cut(form.balance)
     evidence = tried.evidence if part is None else part.evidence
-    return _Searched(evidence, constant, failure, unlike, _is_shown(form.search, name))
+    base = sum(form.search.base[axis].log_likelihood for axis in form.search.axes_of(name))
+    return _Searched(evidence, max(tried.score, base), constant, failure, unlike, _is_shown(form.search, name))
 
 
 def _is_shown(search: FailureSearch, name: str) -> bool:
@@ -260,6 +268,26 @@ def _with_leads(aircraft: Aircraft, samples: Samples) -> list[ForceBalance]:
     return balances
 
 
+def _with_spools(aircraft: Aircraft, samples: Samples) -> list[_Form]:
+    """The flight in the band of what an engine does, which follows its throttle as slowly as each of SPOOLS.
+
+    The thrust of a jet came 5 s after the throttle: a lost engine that came back, in a clean flight (JSBSim, a 737).
+    """
+    forms = []
+    for spool in SPOOLS:
+        balance = force_balance(aircraft, samples, ENGINE_BAND, spool=spool)
+        forms.append(_Form(balance, FailureSearch(relations_of(balance), balance.step), THRESHOLDS.failure_evidence))
+        if ENGINE not in forms[0].search.names:
+            break
+    return forms
+
+
+def _likeliest(searched: Sequence[tuple[_Job, _Searched]]) -> list[tuple[_Job, _Searched]]:
+    """Of the forms of each input that under which the flight is likeliest, with a failure or without one."""
+    names = dict.fromkeys(job.name for job, _ in searched)
+    return [max((each for each in searched if each[0].name == name), key=lambda each: each[1].score) for name in names]
+
+
 def _best_lead(balances: Iterable[ForceBalance], least: float, *, of_motion: bool) -> _Form:
     """The flight with the inputs as much later as suits its moments best."""
     tried = []
@@ -279,7 +307,8 @@ def _frozen(search: FailureSearch, name: str) -> Judged:
     kinds = (NIL, FROZEN) if search.axes_of(name) == ["CX"] and name == ENGINE else (FROZEN,)
     tried = {kind: search.best(name, kind) for kind in kinds}
     best = max(tried.values(), key=lambda judged: judged.score)
-    if NIL in tried and tried[NIL].score > best.score - THRESHOLDS.failure_lead:
+    near = max(THRESHOLDS.failure_lead, NEARLY_NIL * best.evidence)
+    if NIL in tried and tried[NIL].score > best.score - near:
         best = tried[NIL]  # explains alike, with fewer numbers
     return best
 

@@ -45,6 +45,7 @@ LIFT_SLOPE, SIDE_SLOPE = -5.0, -0.5
 _THRUST_TO_WEIGHT = 0.5
 #: Shortest flight [s] of which anything is said.
 SHORTEST = 20.0
+_THROTTLE = CONTROL_COLUMNS.index("throttle")
 _VANES = (("alpha", Kind.ANGLE_OF_ATTACK, "CZ", LIFT_SLOPE), ("beta", Kind.SIDESLIP, "CY", SIDE_SLOPE))
 
 
@@ -145,11 +146,13 @@ class _Series:
         return np.where(np.isfinite(air[:, 0]), air[:, 0], standard)
 
 
-def force_balance(aircraft: Aircraft, samples: Samples, widest: float = WIDEST, lead: float = 0.0) -> ForceBalance:
+def force_balance(
+    aircraft: Aircraft, samples: Samples, widest: float = WIDEST, lead: float = 0.0, spool: float = 0.0
+) -> ForceBalance:
     """The longest stretch of a flight in the air. Raises InputError where it is too short or lacks a sensor.
 
     ``widest`` [Hz] band that is looked at. ``lead`` [s]: how much earlier inputs are recorded than they act, beyond the
-    delay of the aircraft file.
+    delay of the aircraft file. ``spool`` [s]: time constant with which the engine follows the throttle.
     """
     from scipy.signal import butter, sosfiltfilt
 
@@ -168,7 +171,9 @@ def force_balance(aircraft: Aircraft, samples: Samples, widest: float = WIDEST, 
     speed, wind, has_airspeed = series.speed()
     speed = np.maximum(smooth(speed[:, None])[:, 0], 0.1)
     pressure = 0.5 * series.density() * speed**2
-    controls = smooth(series.of(Kind.CONTROLS, len(CONTROL_COLUMNS), lead=lead))
+    controls = series.of(Kind.CONTROLS, len(CONTROL_COLUMNS), lead=lead)
+    controls[:, _THROTTLE] = _lagged(controls[:, _THROTTLE], spool)
+    controls = smooth(controls)
     controls[:, :4] *= [aircraft.surface_signs[name] for name in SURFACES]
     inputs = smooth(series.of(Kind.INPUTS, len(aircraft.inputs), lead=lead))
     measured = _coefficients(aircraft, imu, pressure)
@@ -188,7 +193,7 @@ def force_balance(aircraft: Aircraft, samples: Samples, widest: float = WIDEST, 
     if not np.isfinite(thrust).any():
         weight = aircraft.mass * atmosphere.STANDARD_GRAVITY
         full_thrust = _THRUST_TO_WEIGHT * weight / (pressure * aircraft.wing_area)
-        thrust = full_thrust * controls[:, CONTROL_COLUMNS.index("throttle")]
+        thrust = full_thrust * controls[:, _THROTTLE]
     signals[:, SIGNAL_INDEX["Tc"]] = thrust
     for name, values in (("V", speed), ("qbar", pressure), ("time", series.grid)):
         signals[:, SIGNAL_INDEX[name]] = values
@@ -206,6 +211,16 @@ def force_balance(aircraft: Aircraft, samples: Samples, widest: float = WIDEST, 
         aircraft, series.grid[at], series.begin, step, band, measured[at], signals[at],
         pressure[at] / float(np.mean(pressure[at])), frozenset(angles), wind, has_airspeed, full_thrust[at],
     )  # fmt: skip
+
+
+def _lagged(values: Array, time: float) -> Array:
+    """A series (m,) of the fine grid through a lag of first order with a time constant [s]."""
+    from scipy.signal import lfilter
+
+    if not time > 0.0:
+        return values
+    left = float(np.exp(-1.0 / (_FINE * time)))
+    return np.asarray(lfilter([1.0 - left], [1.0, -left], values, zi=[left * values[0]])[0])
 
 
 def _coefficients(aircraft: Aircraft, imu: Array, pressure: Array) -> Array:

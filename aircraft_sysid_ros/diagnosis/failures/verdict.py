@@ -29,7 +29,7 @@ FAR = 3.0
 LEAST_MOTION = 0.25
 #: Share of the evidence from which the other form of a balance is as telling of a time.
 AS_TELLING = 0.5
-#: Share of what the throttle does up to which the engine may do it and be called dead.
+#: Share of what the throttle does beyond which, by more than its standard error, an engine follows and is not dead.
 THROTTLE_LEFT = 0.5
 
 
@@ -53,7 +53,8 @@ def keeps_part(failure: Failure) -> bool:
 def _is_told(failure: Failure, ahead: float) -> bool:
     """Whether it is the input, and not another constant in the same axes that is ``ahead`` in ln of the likelihood."""
     if failure.name == ENGINE:
-        lost = failure.is_loss_of_thrust and failure.left < THROTTLE_LEFT and ahead > -THRESHOLDS.failure_lead
+        follows = failure.left - failure.left_std > THROTTLE_LEFT
+        lost = failure.is_loss_of_thrust and not follows and ahead > -THRESHOLDS.failure_lead
         return lost and is_long_enough(failure)
     if not is_long_enough(failure):
         return False
@@ -65,6 +66,8 @@ def _is_told(failure: Failure, ahead: float) -> bool:
 
 def is_long_enough(failure: Failure) -> bool:
     """Whether it lasts longer than a manoeuvre, or several moments tell that a surface did not follow one."""
+    if failure.name == ENGINE and not failure.recorded and failure.asked_for < ENGINE_TIME:
+        return False  # an engine that is throttled back makes none, and a jet takes seconds to come again
     least = ENGINE_TIME if failure.name == ENGINE else SURFACE_TIME
     if any(times.end is None or times.end - times.begin > least for times in failure.times):
         return True

@@ -69,7 +69,7 @@ def symbol(axis: str) -> Markup:
 #: What sentences hold that a page draws in another way: what is quoted as a command, names of parameters, symbols of
 #: coefficients (C_m, C_m,q and Cm; but "CX: [1, alpha]" is for a file), T_c, powers of ten, and minus signs.
 _DRAWN = re.compile(
-    r"`(?P<command>[^`]+)`|\b(?P<parameter>C[XYZlmn]_\w+)"
+    r"`(?P<command>[^`]+)`|(?<!\w)(?P<expression>'[^' ][^']*[*/+-][^']*')(?!\w)|\b(?P<parameter>C[XYZlmn]_\w+)"
     r"|\bC_?(?P<axis>[XYZlmn])(?P<by>,(?:alpha|beta|[pqr]|d[aer]))?\b(?!: \[)|\b(?P<thrust>T_c)\b"
     r"|10\^(?P<power>\d+)|(?P<minus>(?<![\w.,)/-])-(?=\d))|(?P<percent>(?<=\d)%)"
 )
@@ -88,6 +88,8 @@ def typeset(text: str) -> Markup:
 def _draw(found: re.Match[str]) -> Markup:
     if name := found["command"] or found["parameter"]:
         return Markup('<span class="mono">{}</span>').format(name)
+    if found["expression"]:
+        return escape(found["expression"])
     if found["axis"]:
         return Markup("C<sub>{}{}</sub>").format(found["axis"], found["by"] or "")
     if found["thrust"]:
