@@ -13,7 +13,8 @@ wrong with a sensor is wrong always, and what happens once is another matter.
 
 The delay of the recorded controls does not touch the first step; it is judged by the held-out error of the second, in
 the moments. It is one against the IMU: where an IMU that is late explains as much, and neither attitude nor GPS speaks
-against that, the surfaces are not said to be late.
+against that, the surfaces are not said to be late. And a surface that an autopilot moves by the gyros is a rate, and
+shifted, either way, its derivative, which is the moment itself: what a delay gains beyond one the other way counts.
 """
 
 from __future__ import annotations
@@ -249,6 +250,7 @@ def try_setting(job: Job) -> Setting:
         found = maximum(gain, start, inner.low, inner.high, 0.5 * needed)
     value, best, curvature, walk = _in_its_wind(gain, walk, found, start, inner, needed) if feigns else (*found, walk)
     std = float(1.0 / np.sqrt(curvature)) if curvature > 0.0 else np.nan
+    best -= max(gain(2.0 * start - value), 0.0) if of_controls and best > needed else 0.0
     if variant.setting[-1] == "delay" and not (of_controls or of_imu):
         needed *= THRESHOLDS.gust_lag / max(abs(value - start), 1e-3)
     beside = ((AIR_DATA_LAG, float(f"{lags[value]:.4g}")),) if value in lags else ()

@@ -145,6 +145,23 @@ def test_a_gps_that_is_late_is_found_in_gusts(aircraft):
     assert found.value - found.nominal == pytest.approx(lag - aircraft.sensors["gps_velocity"].delay, abs=0.05)
 
 
+@pytest.mark.parametrize(("other_way", "is_said"), [(-1.0, True), (0.2, True), (0.9, False)])
+def test_a_delay_of_the_controls_gains_more_than_one_the_other_way(calm_flight, monkeypatch, other_way, is_said):
+    """A surface that follows the gyros is their derivative when it is shifted, whichever way."""
+    aircraft, flown = calm_flight
+    flight = reconstruction.reconstruct(aircraft, flown.samples, with_covariance=False)
+    start = aircraft.sensors["control_surfaces"].delay
+
+    def errors(flight, changed):
+        moved = (changed.sensors["control_surfaces"].delay - start) / -0.06
+        gain = (1.0 if moved > 0.0 else other_way) * (1.0 - (abs(moved) - 1.0) ** 2)
+        return {"Cl": (float(np.exp(-0.25 * gain)),) * 2}
+
+    monkeypatch.setattr(measurement, "control_errors", errors)
+    (job,) = jobs_of(flight, [BY_ID["actuator_lag"]], True)
+    assert (try_setting(job).evidence > 1.0) is is_said
+
+
 def test_what_the_file_leaves_out_goes_before_a_fault_that_is_little_better(aircraft):
     without = aircraft_from_dict({k: v for k, v in aircraft.source.items() if k != "air_data_position"})
     fault = replace(setting_of(BY_ID["alpha_scale"], 0.8), nominal=1.0, evidence=2.4, gain=48.0)

@@ -15,7 +15,7 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
+from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, MOMENTS
 from aircraft_sysid_ros.aircraft.expression import MAXIMUM_LENGTH
 from aircraft_sysid_ros.diagnosis.flight.flight_data import GUARD, FlightData
 from aircraft_sysid_ros.diagnosis.search.candidates import (
@@ -456,7 +456,8 @@ _SIGNALS = ("alpha", "beta", "p", "q", "r", "de", "da", "dr", "flaps", "Tc", "V"
 _HINGED = ("alpha", "beta", "V", "height")
 #: Rates of the flow angles contain the measured forces, which answer to gusts before the reconstructed angles do, and
 #: the gradient of a gust along the aeroplane, which turns it as a rate does and which no replica has: in gusts they say
-#: something of every force and moment.
+#: something of every force and moment. In forces they say nothing in calm air either: the noise of the accelerometer is
+#: on both sides, and is all that there is where nothing moves the aeroplane sideways.
 _RATES = frozenset({"alpha_dot", "beta_dot"})
 
 
@@ -475,7 +476,8 @@ def expressions(data: FlightData) -> Iterator[Candidate]:
     for axis in AXES:
         known = set(data.model.terms[axis]) | (set(tilt_terms(data)) if axis == "CX" else set())
         for program in data.parsed(texts):
-            if program.text not in known and not (gusty and program.signals & _RATES):
+            is_same = bool(program.signals & _RATES) and (gusty or axis not in MOMENTS)
+            if program.text not in known and not is_same:
                 yield Candidate(None, "", (), {axis: (program.text,)})
 
 
