@@ -34,7 +34,7 @@ class Failure(Episode):
     left_std: float
     level: float  # at which the input seems to stay; of an engine as a share of what was asked for
     asked: float  # what was recorded meanwhile, the mean
-    asked_for: float  # [s] of that in which it was told to do more than half of what it does at other times
+    asked_for: float  # [s] of one of its times in which it was told to do more than half of what it does elsewhere
     usual: float  # standard deviation of the input at other times
     moved: float  # and meanwhile
     recorded: bool = False  # the recorded input says so itself: the throttle was cut
@@ -88,7 +88,9 @@ def described(balance: ForceBalance, search: FailureSearch, judged: Judged) -> F
         float(np.sqrt(np.cov(acting.values, aweights=np.clip(share, 1e-6, 1.0)))) for share in (1.0 - failed, failed)
     )
     elsewhere = float(np.sum((1.0 - failed) * acting.values) / max(np.sum(1.0 - failed), 1e-9))
-    asked_for = search.step * float(np.sum(failed[acting.values > HALF * elsewhere]))
+    is_asked = np.concatenate([[0.0], np.cumsum(acting.values > HALF * elsewhere)])
+    spans = [(round(begin), min(round(end), search.count)) for begin, end in hypothesis.spans]
+    asked_for = search.step * max(float(is_asked[end] - is_asked[begin]) for begin, end in spans)
     moving = failed * ((relation.columns[:, at] - still) @ fitted.parameters[at])
     columns = relation.columns if is_part else columns_of(relation, hypothesis)
     constant = [failed * acting.per_unit[:, 0]] if is_part else []
