@@ -3,7 +3,8 @@
 Without vanes, and without airspeed more so, the angles of flow are inferred, and few effects can be told by them. What
 can be told all the same is whether the inputs act (``failures``); where one does not, that is the answer, since it
 would look like many other effects. With vanes that is asked of an engine whose thrust nobody measured; the library
-judges the rest. Where the flight allows no search of the library, the answer says why.
+judges the rest. Where the flight allows no search of the library, commands that are too slow for it for example, the
+forces judge all inputs, and the answer says why.
 """
 
 from __future__ import annotations
@@ -12,8 +13,11 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
-from aircraft_sysid_ros.diagnosis.failures.failures import by_forces, has_vanes
+from aircraft_sysid_ros.diagnosis.failures.failure import FailureReport
+from aircraft_sysid_ros.diagnosis.failures.failures import by_forces, failures_of, has_vanes
 from aircraft_sysid_ros.diagnosis.failures.words import notes_of, report_json
 from aircraft_sysid_ros.diagnosis.flight_diagnosis import diagnose_flight
 from aircraft_sysid_ros.diagnosis.model_versions.versions import open_run
@@ -21,7 +25,7 @@ from aircraft_sysid_ros.diagnosis.several_runs import join_runs
 from aircraft_sysid_ros.diagnosis.significance.parametric_bootstrap import COUNT
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.reconstruction.absences import assumed_calm, has_airspeed, options_after_flight
-from aircraft_sysid_ros.samples import Samples
+from aircraft_sysid_ros.samples import Kind, Samples
 
 
 def diagnose_run(
@@ -73,8 +77,19 @@ def answer(
     try:
         found = diagnose_flight(aircraft, samples, replicas=replicas, progress=progress, names=names, runs=runs)
     except InputError as error:
+        report = report or _of_all_inputs(aircraft, samples)
         if report is None:
             raise
         return report_json(report, [*notes, f"the library was not searched: {error}"])
     said = [*notes, *found.flight.notes, *([] if report is None else notes_of(report))]
     return {**found.json, "notes": said}
+
+
+def _of_all_inputs(aircraft: Aircraft, samples: Samples) -> FailureReport | None:
+    """What forces say of a flight with vanes that the library cannot judge; None where they say nothing either."""
+    if np.any(samples.kind == Kind.SEAM):
+        return None
+    try:
+        return failures_of(aircraft, samples)
+    except InputError:
+        return None

@@ -14,7 +14,7 @@ import numpy.typing as npt
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.aircraft.expression import parse_expression
 from aircraft_sysid_ros.diagnosis.failures.coloured_fit import whitened_rows
-from aircraft_sysid_ros.diagnosis.failures.force_balance import ForceBalance
+from aircraft_sysid_ros.diagnosis.failures.force_balance import ForceBalance, lagged
 
 Array = npt.NDArray[np.float64]
 
@@ -33,6 +33,8 @@ _PROXY_AXIS = {"CZ": "alpha", "CY": "beta"}
 _MOTION = {"Cl": "p", "Cm": "alpha", "Cn": "beta"}
 #: The rate of a turn, by axis, and the time [s] in whose mean it is one.
 _TURN, _STEADY = {"Cl": "r", "Cm": "q", "Cn": "r"}, 2.0
+#: Time constant [s] with which power follows a throttle, about.
+_SPOOL = 1.0
 #: Terms of C_X that any flight with changes of lift needs.
 _POLAR = ("alpha", "alpha**2")
 #: Thrust falls with speed and is not in proportion to the throttle.
@@ -171,6 +173,18 @@ def with_turns(relation: AxisRelation, balance: ForceBalance) -> AxisRelation:
         return relation
     turn = gaussian_filter1d(balance.signal(_TURN[relation.axis]), _STEADY / balance.step) * balance.weight
     return replace(relation, columns=np.column_stack([relation.columns, turn]))
+
+
+def with_power(relation: AxisRelation, balance: ForceBalance) -> AxisRelation:
+    """The relation with a moment that comes with the throttle, as slowly as an engine does, and not in proportion.
+
+    Thrust off the axis, engines that are unlike, a slipstream: what is there at full power only is no change in time.
+    """
+    throttle = balance.signal("throttle")
+    if not np.isfinite(throttle).all():
+        return relation
+    power = lagged(throttle, _SPOOL, 1.0 / balance.step)
+    return replace(relation, columns=np.column_stack([relation.columns, power, power**2]))
 
 
 def with_bend(relation: AxisRelation, name: str, balance: ForceBalance) -> AxisRelation:

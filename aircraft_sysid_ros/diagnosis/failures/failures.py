@@ -19,6 +19,7 @@ from aircraft_sysid_ros.diagnosis.failures.axis_relation import (
     ENGINE,
     relations_of,
     with_bend,
+    with_power,
     with_turns,
     without_engine,
 )
@@ -164,7 +165,7 @@ def failures_of(
     ]
     least = THRESHOLDS.unrecorded_evidence
     sure = [(form, constant) for form, constant in constants if constant.evidence >= least]
-    unseen = [(f.search, c) for f, c in sure if _is_unseen(c, motion.balance) and _holds(f, c, least)]
+    unseen = [(f.search, c) for f, c in sure if _is_unseen(c, motion.balance) and _holds(f, c, least, at_power=True)]
     changed = None if best else unrecorded_change(unseen, float(motion.balance.time[0]))
     judged = tuple(dict.fromkeys(axis for form, name in jobs for axis in form.search.axes_of(name)))
     progress(1.0)
@@ -217,7 +218,7 @@ def _weakened(form: _Form, name: str, others: float) -> Failure | None:
     return failure if keeps_part(failure) else None
 
 
-def _holds(form: _Form, judged: Judged, least: float) -> bool:
+def _holds(form: _Form, judged: Judged, least: float, *, at_power: bool = False) -> bool:
     """Whether a hypothesis has its evidence between its times, and where the model may be wrong as models are.
 
     Of 64 clean flights eight had a control that seemed to fail. Three began or ended in a doublet, of which they made
@@ -225,12 +226,15 @@ def _holds(form: _Form, judged: Judged, least: float) -> bool:
     of its effect may do more to one side, or when it is large: an aileron that deflected twice as far up as down seemed
     to keep half of its effect whenever it was moved the other way (JSBSim, a log of commands). What comes several times
     has more begins and ends: between them it must have all of its evidence, 1.3 to 40 times that where a control failed
-    and 0.9 times in a clean flight of JSBSim, whose turns it followed.
+    and 0.9 times in a clean flight of JSBSim, whose turns it followed. ``at_power``: and it must not come with the
+    throttle, as a rolling moment of JSBSim's F-4 does.
     """
     hypothesis, search = judged.hypothesis, form.search
     if search.inside(hypothesis) < (max(least, judged.evidence) if hypothesis.again else least):
         return False
     relations = {axis: with_turns(search.relations[axis], form.balance) for axis in search.axes_of(hypothesis.name)}
+    if at_power:
+        relations = {axis: with_power(r, form.balance) for axis, r in relations.items()}
     if hypothesis.kind == PART:
         relations = {axis: with_bend(r, hypothesis.name, form.balance) for axis, r in relations.items()}
     return FailureSearch(relations, search.step).judged(hypothesis).evidence >= least

@@ -172,7 +172,7 @@ def force_balance(
     speed = np.maximum(smooth(speed[:, None])[:, 0], 0.1)
     pressure = 0.5 * series.density() * speed**2
     controls = series.of(Kind.CONTROLS, len(CONTROL_COLUMNS), lead=lead)
-    controls[:, _THROTTLE] = _lagged(controls[:, _THROTTLE], spool)
+    controls[:, _THROTTLE] = lagged(controls[:, _THROTTLE], spool)
     controls = smooth(controls)
     controls[:, :4] *= [aircraft.surface_signs[name] for name in SURFACES]
     inputs = smooth(series.of(Kind.INPUTS, len(aircraft.inputs), lead=lead))
@@ -213,13 +213,13 @@ def force_balance(
     )  # fmt: skip
 
 
-def _lagged(values: Array, time: float) -> Array:
-    """A series (m,) of the fine grid through a lag of first order with a time constant [s]."""
+def lagged(values: Array, time: float, rate: float = _FINE) -> Array:
+    """A series (m,) at a rate [Hz], by default the fine grid's, through a lag of first order, time constant [s]."""
     from scipy.signal import lfilter
 
     if not time > 0.0:
         return values
-    left = float(np.exp(-1.0 / (_FINE * time)))
+    left = float(np.exp(-1.0 / (rate * time)))
     return np.asarray(lfilter([1.0 - left], [1.0, -left], values, zi=[left * values[0]])[0])
 
 

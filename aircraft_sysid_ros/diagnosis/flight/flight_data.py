@@ -305,8 +305,9 @@ def check_flight(run: str, flight: FlightData, samples: Samples | None = None) -
         slow = "" if samples is None else why_too_slow(samples) or why_airspeed_too_slow(samples)
         short = f"{run} has {seconds:.0f} s in flight with air data: {THRESHOLDS.shortest:g} s are needed"
         raise InputError(f"{run} cannot be judged: {slow}" if slow else short)
-    unknown = controls and not any(np.isfinite(flight.signal(name)).any() for name in controls)
+    known = max((int(np.isfinite(flight.signal(name)).sum()) for name in controls), default=count) * flight.step
     if samples is None:
         return
-    if slow := why_airspeed_too_slow(samples) or (why_controls_too_slow(samples) if unknown else ""):
+    of_controls = why_controls_too_slow(samples) if known < THRESHOLDS.shortest else ""
+    if slow := why_airspeed_too_slow(samples) or of_controls:
         raise InputError(f"{run} cannot be judged: {slow}")
