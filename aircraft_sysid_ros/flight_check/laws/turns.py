@@ -14,8 +14,8 @@ from aircraft_sysid_ros.flight_check.signals import ATTITUDE, GYRO, VELOCITY
 _LONG = 40.0
 #: A turn is coordinated only so much: the ratio tells a wrong unit and no scale.
 _UNIT = 1.5
-#: Rms acceleration across the track [m/s^2] from which yaw follows the course: in straight flight a gust from the side
-#: takes the course one way and turns the nose the other.
+#: Rms acceleration across the track [m/s^2] from which yaw follows the course, and bank what the turn needs: in straight
+#: flight a gust from the side takes the course one way and turns the nose the other, and a Dutch roll slips.
 _TURNS = 0.3
 
 
@@ -37,7 +37,7 @@ def relations(motion: Motion) -> list[Relation]:
     turns = float(np.sqrt(np.nanmean(turning**2))) if np.isfinite(turning).any() else 0.0
     found = []
     for name, y, x, words in pairs:
-        if name in (ATTITUDE[2], GYRO[2]) and turns < _TURNS:
+        if name != ATTITUDE[1] and turns < _TURNS:
             continue
         comparison = compare(grid.band(y, width, _LONG), grid.band(x, width, _LONG), grid.step, 1.0)
         if comparison is not None:
