@@ -521,6 +521,11 @@ def missions() -> str:
     return table(*diagnosis_tables.missions(load_lines("missions")))
 
 
+def missions_strangers() -> str:
+    """The same of aeroplanes that are flown nowhere else."""
+    return table(*diagnosis_tables.missions(load_lines("missions_strangers")))
+
+
 def lags() -> str:
     """The table ``lags`` of check.md."""
     return table(*diagnosis_tables.lags(load_lines("missions")))
@@ -776,6 +781,7 @@ TABLES: dict[str, Callable[[], str]] = {
     "failures": failures,
     "failures_again": failures_again,
     "missions": missions,
+    "missions_strangers": missions_strangers,
     "lags": lags,
     "slow_imu": slow_imu,
     "choice": choice,

@@ -292,7 +292,10 @@ def _is_named(flight: dict[str, Any]) -> bool:
 
 
 def missions(flown: list[dict[str, Any]]) -> Rows:
-    """Missions of JSBSim's aeroplanes by what fails: what `diagnose` says, and whether `check` finds a fault."""
+    """Missions of JSBSim's aeroplanes by what fails: what `diagnose` says, and whether `check` finds a fault.
+
+    A lag of the downwash is in all of these aeroplanes, and in no file of their users.
+    """
     judged = [flight for flight in flown if "verdict" in flight]
     rows = []
     for failure in dict.fromkeys(flight["failure"] for flight in judged):
@@ -300,15 +303,16 @@ def missions(flown: list[dict[str, Any]]) -> Rows:
         signal = _INPUTS.get(failure.removeprefix(PART), "")
         named = [f for f in own if f["verdict"] == "missing" and f["input"] == signal]
         right = [f for f in named if (f["first"] == "control_damage") == failure.startswith(PART)]
+        has = sum(f["verdict"] == "missing" and f["first"] == "alpha_dot" for f in own)
         unsure = [f for f in own if f["verdict"] == "unexplained"]
         of_it = sum(f["input"] == signal for f in unsure)
         none = sum(f["verdict"] == "none" for f in own)
-        other = len(own) - len(right) - len(unsure) - none
+        other = len(own) - len(right) - len(unsure) - none - has
         near = sum(abs(f["times"]["t0"] - f["begin"]) < 2.0 for f in right)
         checked = sum(bool(f["check"]) for f in own)
         what = "nothing" if failure == "none" else failure
         unexplained = f"{len(unsure)} ({of_it} that control)" if unsure else "0"
-        rows.append([what, *map(str, (len(own), none, len(right), near, unexplained, other, checked))])
+        rows.append([what, *map(str, (len(own), none, len(right), near, unexplained, has, other, checked))])
     head = [
         "fails",
         "flights",
@@ -316,6 +320,7 @@ def missions(flown: list[dict[str, Any]]) -> Rows:
         "named",
         "dated within 2 s",
         "unexplained",
+        "the lag of the downwash that it has",
         "something else",
         "a fault by `check`",
     ]

@@ -14,8 +14,8 @@ from aircraft_sysid_ros.flight_check.signals import ATTITUDE, GYRO, VELOCITY
 _LONG = 40.0
 #: A turn is coordinated only so much: the ratio tells a wrong unit and no scale.
 _UNIT = 1.5
-#: Rms acceleration across the track [m/s^2] from which yaw follows the course, and bank what the turn needs: in straight
-#: flight a gust from the side takes the course one way and turns the nose the other, and a Dutch roll slips.
+#: Rms acceleration across the track [m/s^2] from which yaw follows the course, and bank what the turn needs: in
+#: straight flight a gust from the side takes the course one way and turns the nose the other, and a Dutch roll slips.
 _TURNS = 0.3
 
 
