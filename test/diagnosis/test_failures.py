@@ -8,12 +8,13 @@ import sys
 import time
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from scipy.linalg import solve_toeplitz
 
-from aircraft_sysid_ros.diagnosis.failures.axis_relation import whitened
+from aircraft_sysid_ros.diagnosis.failures.axis_relation import AxisRelation, whitened, with_power
 from aircraft_sysid_ros.diagnosis.failures.coloured_fit import coloured_fit
 from aircraft_sysid_ros.diagnosis.failures.failures import by_forces, failures_of
 from aircraft_sysid_ros.diagnosis.failures.force_balance import force_balance
@@ -81,6 +82,23 @@ def test_running_sums_are_the_sums_of_squares_of_the_fits() -> None:
             x = np.column_stack([rest, moving, inside * constant])
             left = response - x @ np.linalg.lstsq(x, response, rcond=None)[0]
             assert found[kind][w] == pytest.approx(float(left @ left), rel=1e-5), (kind, first, last)
+
+
+def test_what_comes_with_the_throttle_is_explained_by_it_and_nothing_else_is() -> None:
+    """Two more columns, the power that follows the throttle and its square, at any weight."""
+    rng, step = np.random.default_rng(2), 0.1
+    throttle = np.repeat(rng.uniform(0.0, 1.0, 20), 30)
+    known = np.column_stack([np.ones(600), rng.standard_normal(600)])
+    relation = AxisRelation("Cl", np.zeros(600), known, ("1", "da"), {}, ())
+    balance = SimpleNamespace(signal={"throttle": throttle}.__getitem__, step=step)
+    power = np.zeros(600)
+    power[0] = throttle[0]
+    for i in range(1, 600):
+        power[i] = power[i - 1] + (1.0 - np.exp(-step)) * (throttle[i] - power[i - 1])
+    found = with_power(relation, balance).columns
+    assert found == pytest.approx(np.column_stack([known, power, power**2]), abs=1e-12)
+    silent = SimpleNamespace(signal=lambda name: np.full(600, np.nan), step=step)
+    assert with_power(relation, silent) is relation
 
 
 def test_a_fit_with_a_colour_is_that_of_plain_least_squares_and_the_smallest_where_columns_are_alike() -> None:
@@ -187,6 +205,18 @@ def test_an_engine_that_takes_seconds_to_follow_its_throttle_is_dated_all_the_sa
     flight = flights.fly(seed, layout, "engine", spool=3.0)
     (found,) = failures_of(flight.aircraft, flight.samples).found
     assert found.name == "engine" and found.is_loss_of_thrust and abs(found.begin - flight.begin) < 1.5
+
+
+def test_with_vanes_and_commands_too_slow_for_the_library_the_forces_judge_the_surfaces() -> None:
+    flight = flights.fly(8100, flights.Layout(25.0, 2.5, 10.0, elevons=False, vanes=True), "aileron")
+    said = answer(flight.aircraft, flight.samples)
+    (found,) = said["candidates"]
+    assert (said["verdict"], found["label"]) == ("missing", "stuck_control (aileron)")
+    assert abs(found["inner"]["t0"] - flight.begin) < 2.0
+    assert said["notes"] == [
+        "the library was not searched: the flight cannot be judged: the controls come at 2.5 Hz: at least 10 Hz are "
+        "needed"
+    ]
 
 
 def test_a_jet_that_is_throttled_back_has_not_lost_its_engine() -> None:
