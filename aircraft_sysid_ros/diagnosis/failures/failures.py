@@ -40,7 +40,8 @@ Array = npt.NDArray[np.float64]
 ENGINE_BAND = 1.0
 #: Band [Hz] from which a lead of the inputs matters.
 QUICK_BAND = 2.0
-#: Time constants [s] of an engine that follows its throttle: a piston engine at once, a turbofan in some seconds.
+#: Time constants [s] of an engine that follows its throttle: an electric one at once, a piston engine with its
+#: propeller in about one second, a turbofan in some.
 SPOOLS = (0.0, 0.5, 1.0, 2.0, 4.0)
 #: Leads [s] of the recorded inputs that are tried: commands run ahead of what they move.
 LEADS = (0.0, 0.06, 0.12, 0.2)
