@@ -3,8 +3,8 @@
 Without vanes, and without airspeed more so, the angles of flow are inferred, and few effects can be told by them. What
 can be told all the same is whether the inputs act (``failures``); where one does not, that is the answer, since it
 would look like many other effects. With vanes that is asked of an engine whose thrust nobody measured; the library
-judges the rest. Where the flight allows no search of the library, commands that are too slow for it for example, the
-forces judge all inputs, and the answer says why.
+judges the rest, or the forces where commands are too slow for it. Where the flight allows no search of the library, the
+answer says why.
 """
 
 from __future__ import annotations
@@ -24,6 +24,11 @@ from aircraft_sysid_ros.diagnosis.model_versions.versions import open_run
 from aircraft_sysid_ros.diagnosis.several_runs import join_runs
 from aircraft_sysid_ros.diagnosis.significance.parametric_bootstrap import COUNT
 from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.identification.coefficients.pace import (
+    why_airspeed_too_slow,
+    why_controls_too_slow,
+    why_too_slow,
+)
 from aircraft_sysid_ros.reconstruction.absences import assumed_calm, has_airspeed, options_after_flight
 from aircraft_sysid_ros.samples import Kind, Samples
 
@@ -86,8 +91,9 @@ def answer(
 
 
 def _of_all_inputs(aircraft: Aircraft, samples: Samples) -> FailureReport | None:
-    """What forces say of a flight with vanes that the library cannot judge; None where they say nothing either."""
-    if np.any(samples.kind == Kind.SEAM):
+    """What forces say of a flight with vanes whose commands are too slow for the library; None where it is another."""
+    too_slow = why_controls_too_slow(samples) and not (why_too_slow(samples) or why_airspeed_too_slow(samples))
+    if np.any(samples.kind == Kind.SEAM) or not too_slow:
         return None
     try:
         return failures_of(aircraft, samples)

@@ -183,9 +183,10 @@ def test_the_page_of_nothing_is_refused_before_it_is_imported(tmp_path) -> None:
 
 
 def test_an_effect_that_nobody_knows(run, capsys) -> None:
-    assert "is no effect, did you mean ground_effect" in refused(capsys, "add", run, "unknown_effect")
-    said = refused(capsys, "add", run, "xyzzy")
-    assert "`aircraft-sysid add --help` lists them" in said and len(said) < 160
+    assert "is no effect, did you mean ground_effect" in refused(capsys, "add", run, "grund_effect")
+    for word in ("xyzzy", "unknown_effect"):
+        said = refused(capsys, "add", run, word)
+        assert "`aircraft-sysid add --help` lists them" in said and len(said) < 160
     with pytest.raises(SystemExit):
         main(["add", "--help"])
     assert "ground_effect" in capsys.readouterr().out

@@ -32,7 +32,7 @@ def parse_request(text: str, inputs: tuple[str, ...] = ()) -> Effect | dict[str,
     if not text:
         raise InputError("nothing is named: give an effect such as stall, or a term with its axis such as CZ: alpha**3")
     if ":" not in text:
-        hint = did_you_mean(text.partition(" (")[0], BY_ID, 3, 0.5) or "`aircraft-sysid add --help` lists them"
+        hint = did_you_mean(text.partition(" (")[0], BY_ID, 3) or "`aircraft-sysid add --help` lists them"
         hint = "" if set("*/^+") & set(text) else f", {hint.rstrip('?')}"  # an expression is no effect that is misspelt
         raise InputError(f"'{text[:60]}' is no effect{hint}; a term is written with its axis, such as CZ: alpha**3")
     terms: dict[str, tuple[str, ...]] = {}
