@@ -90,14 +90,14 @@ def test_what_comes_with_the_throttle_is_explained_by_it_and_nothing_else_is() -
     throttle = np.repeat(rng.uniform(0.0, 1.0, 20), 30)
     known = np.column_stack([np.ones(600), rng.standard_normal(600)])
     relation = AxisRelation("Cl", np.zeros(600), known, ("1", "da"), {}, ())
-    balance = SimpleNamespace(signal={"throttle": throttle}.__getitem__, step=step)
+    balance = SimpleNamespace(signal={"throttle": throttle}.__getitem__, time=step * np.arange(600))
     power = np.zeros(600)
     power[0] = throttle[0]
     for i in range(1, 600):
         power[i] = power[i - 1] + (1.0 - np.exp(-step)) * (throttle[i] - power[i - 1])
     found = with_power(relation, balance).columns
     assert found == pytest.approx(np.column_stack([known, power, power**2]), abs=1e-12)
-    silent = SimpleNamespace(signal=lambda name: np.full(600, np.nan), step=step)
+    silent = SimpleNamespace(signal=lambda name: np.full(600, np.nan), time=balance.time)
     assert with_power(relation, silent) is relation
 
 

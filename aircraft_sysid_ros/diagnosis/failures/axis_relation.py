@@ -14,7 +14,8 @@ import numpy.typing as npt
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.aircraft.expression import parse_expression
 from aircraft_sysid_ros.diagnosis.failures.coloured_fit import whitened_rows
-from aircraft_sysid_ros.diagnosis.failures.force_balance import ForceBalance, lagged
+from aircraft_sysid_ros.diagnosis.failures.force_balance import ForceBalance
+from aircraft_sysid_ros.sensors.sensor_models import first_order_lag
 
 Array = npt.NDArray[np.float64]
 
@@ -183,7 +184,7 @@ def with_power(relation: AxisRelation, balance: ForceBalance) -> AxisRelation:
     throttle = balance.signal("throttle")
     if not np.isfinite(throttle).all():
         return relation
-    power = lagged(throttle, _SPOOL, 1.0 / balance.step)
+    power = first_order_lag(balance.time, throttle[:, None], _SPOOL)
     return replace(relation, columns=np.column_stack([relation.columns, power, power**2]))
 
 

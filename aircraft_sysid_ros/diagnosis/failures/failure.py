@@ -77,7 +77,7 @@ class FailureReport:
 def described(balance: ForceBalance, search: FailureSearch, judged: Judged) -> Failure:
     """A hypothesis in numbers, those of the axis that it explains most of."""
     hypothesis = judged.hypothesis
-    axis = max(judged.gains, key=lambda a: judged.gains[a])
+    axis = judged.main_axis
     relation, failed = search.relations[axis], hypothesis.share(search.count)
     acting = relation.acting[hypothesis.name]
     at, fitted = list(acting.columns), search.fitted(axis, hypothesis)
@@ -87,7 +87,7 @@ def described(balance: ForceBalance, search: FailureSearch, judged: Judged) -> F
     usual, moved = (
         float(np.sqrt(np.cov(acting.values, aweights=np.clip(share, 1e-6, 1.0)))) for share in (1.0 - failed, failed)
     )
-    elsewhere = float(np.sum((1.0 - failed) * acting.values) / max(np.sum(1.0 - failed), 1e-9))
+    elsewhere = np.average(acting.values, weights=np.clip(1.0 - failed, 1e-6, 1.0))
     is_asked = np.concatenate([[0.0], np.cumsum(acting.values > HALF * elsewhere)])
     spans = [(round(begin), min(round(end), search.count)) for begin, end in hypothesis.spans]
     asked_for = search.step * max(float(is_asked[end] - is_asked[begin]) for begin, end in spans)

@@ -132,6 +132,11 @@ class Judged:
     evidence: float  # ln of the likelihood over that of the model as it is, less the same
     gains: Mapping[str, float]  # of the evidence by axis, without what numbers cost
 
+    @property
+    def main_axis(self) -> str:
+        """The axis that it explains most of."""
+        return max(self.gains, key=lambda axis: self.gains[axis])
+
 
 def columns_of(relation: AxisRelation, hypothesis: Hypothesis | None, share: Array | None = None) -> Array:
     """Columns (n, k) of an axis under a hypothesis; the constant, where there is one, is the last.

@@ -261,7 +261,7 @@ def _leads(
 
 def _is_unseen(constant: Judged, balance: ForceBalance) -> bool:
     """Whether it is a moment of an axis whose angle no vane measures: the library has no name there."""
-    axis = max(constant.gains, key=lambda a: constant.gains[a])
+    axis = constant.main_axis
     return axis in _ANGLES and _ANGLES[axis] not in balance.angles
 
 

@@ -11,6 +11,7 @@ cannot be judged then, since they are read.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -26,6 +27,7 @@ from aircraft_sysid_ros.diagnosis.flight.motion_coefficients import coefficients
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.reconstruction.ground_speed_wind import GroundSpeedWind, wind_of_ground_speed
 from aircraft_sysid_ros.samples import CONTROL_COLUMNS, Kind, Samples, is_absurd
+from aircraft_sysid_ros.sensors.sensor_models import first_order_lag
 from aircraft_sysid_ros.stretches import longest_stretch
 
 Array = npt.NDArray[np.float64]
@@ -172,29 +174,18 @@ def force_balance(
     speed = np.maximum(smooth(speed[:, None])[:, 0], 0.1)
     pressure = 0.5 * series.density() * speed**2
     controls = series.of(Kind.CONTROLS, len(CONTROL_COLUMNS), lead=lead)
-    controls[:, _THROTTLE] = lagged(controls[:, _THROTTLE], spool)
+    if spool > 0.0:
+        controls[:, [_THROTTLE]] = first_order_lag(series.grid, controls[:, [_THROTTLE]], spool)
     controls = smooth(controls)
     controls[:, :4] *= [aircraft.surface_signs[name] for name in SURFACES]
     inputs = smooth(series.of(Kind.INPUTS, len(aircraft.inputs), lead=lead))
     measured = _coefficients(aircraft, imu, pressure)
     signals = np.full((len(series.grid), SIGNAL_COUNT), np.nan)
-    angles = set()
-    for name, kind, axis, slope in _VANES:
-        if series.has(kind):
-            signals[:, SIGNAL_INDEX[name]] = smooth(series.of(kind, 1, needed=True))[:, 0]
-            angles.add(name)
-        else:
-            signals[:, SIGNAL_INDEX[name]] = measured[:, AXES.index(axis)] / slope
+    angles = _put_angles(signals, series, smooth, measured)
     for name, column, length in (("p", 3, aircraft.span), ("q", 4, 2.0 * aircraft.chord), ("r", 5, aircraft.span)):
         signals[:, SIGNAL_INDEX[name]] = imu[:, column] * length / (2.0 * speed)
     signals[:, [SIGNAL_INDEX[name] for name in CONTROL_COLUMNS]] = controls
-    thrust = controls[:, CONTROL_COLUMNS.index("Tc")] / (pressure * aircraft.wing_area)
-    full_thrust = np.full(len(thrust), np.nan)
-    if not np.isfinite(thrust).any():
-        weight = aircraft.mass * atmosphere.STANDARD_GRAVITY
-        full_thrust = _THRUST_TO_WEIGHT * weight / (pressure * aircraft.wing_area)
-        thrust = full_thrust * controls[:, _THROTTLE]
-    signals[:, SIGNAL_INDEX["Tc"]] = thrust
+    signals[:, SIGNAL_INDEX["Tc"]], full_thrust = _thrust(aircraft, controls, pressure)
     for name, values in (("V", speed), ("qbar", pressure), ("time", series.grid)):
         signals[:, SIGNAL_INDEX[name]] = values
     signals[:, len(SIGNALS) : len(SIGNALS) + inputs.shape[1]] = inputs
@@ -209,18 +200,33 @@ def force_balance(
     at = np.arange(0, len(series.grid), every)[keep]
     return ForceBalance(
         aircraft, series.grid[at], series.begin, step, band, measured[at], signals[at],
-        pressure[at] / float(np.mean(pressure[at])), frozenset(angles), wind, has_airspeed, full_thrust[at],
+        pressure[at] / float(np.mean(pressure[at])), angles, wind, has_airspeed, full_thrust[at],
     )  # fmt: skip
 
 
-def lagged(values: Array, time: float, rate: float = _FINE) -> Array:
-    """A series (m,) at a rate [Hz], by default the fine grid's, through a lag of first order, time constant [s]."""
-    from scipy.signal import lfilter
+def _put_angles(signals: Array, series: _Series, smooth: Callable[[Array], Array], measured: Array) -> frozenset[str]:
+    """Write the angles of flow into signals (m, SIGNAL_COUNT), scaled forces (m, 6) for those that no vane measures.
 
-    if not time > 0.0:
-        return values
-    left = float(np.exp(-1.0 / (rate * time)))
-    return np.asarray(lfilter([1.0 - left], [1.0, -left], values, zi=[left * values[0]])[0])
+    Returns those that vanes measure.
+    """
+    angles = set()
+    for name, kind, axis, slope in _VANES:
+        if series.has(kind):
+            signals[:, SIGNAL_INDEX[name]] = smooth(series.of(kind, 1, needed=True))[:, 0]
+            angles.add(name)
+        else:
+            signals[:, SIGNAL_INDEX[name]] = measured[:, AXES.index(axis)] / slope
+    return frozenset(angles)
+
+
+def _thrust(aircraft: Aircraft, controls: Array, pressure: Array) -> tuple[Array, Array]:
+    """T_c (m,) as measured, or as the throttle has it, and that of full throttle where it does, else NaN."""
+    thrust = controls[:, CONTROL_COLUMNS.index("Tc")] / (pressure * aircraft.wing_area)
+    if np.isfinite(thrust).any():
+        return thrust, np.full(len(thrust), np.nan)
+    weight = aircraft.mass * atmosphere.STANDARD_GRAVITY
+    full_thrust = _THRUST_TO_WEIGHT * weight / (pressure * aircraft.wing_area)
+    return full_thrust * controls[:, _THROTTLE], full_thrust
 
 
 def _coefficients(aircraft: Aircraft, imu: Array, pressure: Array) -> Array:

@@ -31,7 +31,7 @@ def unrecorded_change(searched: Iterable[tuple[FailureSearch, Judged]], first: f
     search, best = max(understood, key=lambda item: item[1].evidence, default=(None, None))
     if search is None or best is None:
         return None
-    axis = _main_axis(best)
+    axis = best.main_axis
     size = 1.0 - float(np.exp(-best.gains[axis] / search.count))  # a gain is n times ln of the ratio of errors
     if size < THRESHOLDS.unrecorded_size:
         return None
@@ -41,16 +41,12 @@ def unrecorded_change(searched: Iterable[tuple[FailureSearch, Judged]], first: f
     return UnrecordedChange(times=times, evidence=best.evidence, gains=gains, main_axis=axis, size=size, errors=errors)
 
 
-def _main_axis(judged: Judged) -> str:
-    return max(judged.gains, key=lambda axis: judged.gains[axis])
-
-
 def _explains(search: FailureSearch, judged: Judged) -> bool:
     """Whether the model with the change explains enough of its main axis for a change in that to mean something.
 
     Where gyros are noisy the acceleration is noise for the most part, and the derivatives are not found in it: what the
     one turn of a flight does is then as well a constant for as long as it lasts.
     """
-    axis = _main_axis(judged)
+    axis = judged.main_axis
     left = np.var(search.fitted(axis, judged.hypothesis).residual) / np.var(search.relations[axis].response)
     return bool(1.0 - left >= THRESHOLDS.unrecorded_explained)
