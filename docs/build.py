@@ -572,6 +572,11 @@ def lack_of_fit() -> str:
     return table(header, rows)
 
 
+def clean_residuals() -> str:
+    """What `compare` says of flights that lack nothing."""
+    return table(*diagnosis_tables.clean_residuals(load_lines("clean_residuals")))
+
+
 def slow_imu() -> str:
     """What a slow IMU costs."""
     header = ["rate of the IMU", "estimator", "inside 1.96 standard errors", "main derivatives with USE"]
@@ -785,6 +790,7 @@ TABLES: dict[str, Callable[[], str]] = {
     "lags": lags,
     "slow_imu": slow_imu,
     "choice": choice,
+    "clean_residuals": clean_residuals,
     "lack_of_fit": lack_of_fit,
     "sensor_noise": sensor_noise,
     **{f"paper_{name}": paper(name) for name in paper_tables.TABLES},

@@ -6,8 +6,11 @@ import itertools
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
 from scipy.stats import binomtest
 
+from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
+from aircraft_sysid_ros.diagnosis.significance.whiteness import FALSE_ALARM
 from aircraft_sysid_ros.diagnosis.thresholds import listed
 from aircraft_sysid_ros.effects.aliases import ALIASES, aliases_of
 
@@ -406,3 +409,19 @@ TABLES: dict[str, Callable[[dict[str, dict[str, Any]]], Rows]] = {
     "hidden_effects_by_effect": by_effect,
     "hidden_effects_methods": methods,
 }
+
+
+def clean_residuals(results: list[dict[str, Any]]) -> Rows:
+    """What `compare` says of flights that lack nothing, by axis."""
+    flights = [r for r in results if "p_value" in r]
+    airs = {"none": "calm", "light": "light turbulence", "moderate": "moderate turbulence"}
+    rows = []
+    for axis in AXES:
+        middle, low, high = np.quantile([r["over_floor"][axis] for r in flights], [0.5, 0.05, 0.95])
+        row = [f"C_{axis[1]}", f"{middle:.2f}", f"{low:.2f} to {high:.2f}"]
+        for air in airs:
+            p_values = np.array([r["p_value"][axis] for r in flights if r["air"] == air])
+            row.append(f"{np.sum(p_values < FALSE_ALARM)} of {np.sum(np.isfinite(p_values))}")
+        rows.append(row)
+    header = ["axis", "held out ÷ floor, median", "5 to 95 % of the flights"]
+    return [*header, *(f'"more than noise", {air}' for air in airs.values())], rows

@@ -23,7 +23,7 @@ from aircraft_sysid_ros.aircraft.term_values import evaluate, lags_of, link
 from aircraft_sysid_ros.errors import InputError, echo
 
 AXES: tuple[str, ...] = ("CX", "CY", "CZ", "Cl", "Cm", "Cn")
-MOMENTS = AXES[3:]
+FORCES, MOMENTS = AXES[:3], AXES[3:]
 #: Terms of one axis. No flight tells more of them apart.
 MOST_TERMS = 60
 _LONGITUDINAL = ("1", "alpha", "q", "de")

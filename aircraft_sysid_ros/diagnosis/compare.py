@@ -160,14 +160,14 @@ def compare_axis(flight: FlightData, fit: AxisFit) -> AxisComparison:
     result = fit.fit
     floor = noise_floor(flight, fit.axis, result)
     predicted = fit.columns @ np.nan_to_num(fit.parameters)
-    residual, std = fit.measured - predicted, floor.std
+    residual = fit.measured - predicted
     every = int(np.ceil(2.0 * HALF_WIDTH / flight.step))  # windows that do not overlap
     whiteness = whiteness_of(
-        on_grid(flight.time, residual, flight.step, every),
-        on_grid(flight.time, std, flight.step, every),
+        on_grid(flight.time, floor.without_bias(residual), flight.step, every),
+        on_grid(flight.time, floor.noise_std, flight.step, every),
         floor.correlation(ORDER, every),
     )
-    places = tuple(failing_places(flight, fit.axis, result.held_out, std, fit.spread))
+    places = tuple(failing_places(flight, fit.axis, result.held_out, floor.std, fit.spread))
     seen = noise_seen(floor, flight.time, residual)
     quick = quick_motion(fit) if fit.axis in MOMENTS else None
     return AxisComparison(fit.axis, result, fit.spread, floor, whiteness, seen, predicted, places, quick)

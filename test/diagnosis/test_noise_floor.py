@@ -7,13 +7,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
+from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, MOMENTS
+from aircraft_sysid_ros.aircraft.signals import SIGNAL_INDEX
 from aircraft_sysid_ros.diagnosis.compare import compare
 from aircraft_sysid_ros.diagnosis.flight.flight_data import FlightData
 from aircraft_sysid_ros.diagnosis.flight.reconstruction import reconstruct, settled_flight
+from aircraft_sysid_ros.diagnosis.search.fit import fits_of
 from aircraft_sysid_ros.diagnosis.significance.noise_floor import (
     NoiseFloor,
     Source,
+    noise_floor,
     noise_seen,
     response_sources,
     variance_of,
@@ -23,7 +26,7 @@ from aircraft_sysid_ros.estimation.window_average import window_average
 from aircraft_sysid_ros.identification.coefficients.body import body_of
 from aircraft_sysid_ros.identification.coefficients.evaluation import measured_coefficients
 from aircraft_sysid_ros.identification.coefficients.layout import CENTRIPETAL, FORCE, GYROSCOPIC, QBAR, RATE
-from aircraft_sysid_ros.simulation.simulated_flight import simulate_samples
+from aircraft_sysid_ros.simulation.simulated_flight import hidden_flight, simulate_samples
 
 
 def flight_without_missing_effects(aircraft, seed: int, turbulence: str = "none") -> FlightData:
@@ -48,7 +51,7 @@ def test_variance_of_points_is_that_of_drawn_noise(interval: float, kept: float)
         stencil = np.array([1.0, -4.0, 6.0, -4.0, 1.0])
         fast = np.convolve(points, stencil, "valid")
         assert np.var(fast) == pytest.approx(source.of_points(stencil, step), rel=0.1)
-        floor = NoiseFloor((source,), (), 1.0, step)
+        floor = NoiseFloor((source,), (), np.zeros((1, 0)), 1.0, step)
         lag = np.mean(points[2:] * points[:-2]) / np.var(points)
         assert floor.correlation(2)[2] == pytest.approx(lag, abs=0.05)
 
@@ -73,7 +76,7 @@ def test_variance_of_points_of_sparse_samples_is_that_of_drawn_noise(interval: f
         assert np.var(points) == pytest.approx(source.of_points(np.ones(1), step), rel=0.1)
         assert np.var(np.convolve(points, stencil, "valid")) == pytest.approx(source.of_points(stencil, step), rel=0.1)
         lag = np.mean(points[2:] * points[:-2]) / np.var(points)
-        assert NoiseFloor((source,), (), 1.0, step).correlation(2)[2] == pytest.approx(lag, abs=0.05)
+        assert NoiseFloor((source,), (), np.zeros((1, 0)), 1.0, step).correlation(2)[2] == pytest.approx(lag, abs=0.05)
 
 
 def test_response_is_the_noise_of_the_measured_coefficients(aircraft) -> None:
@@ -109,6 +112,29 @@ def test_flights_without_missing_effects_reach_the_floor(aircraft, seed: int, tu
     assert all(place.excess < 2.5 for place in comparison.worst)
 
 
+def test_a_bias_that_nothing_shows_is_part_of_the_floor_where_speeds_differ(aircraft) -> None:
+    """Level and without an attitude the bias across looks like a bank: at three speeds it is no constant of C_Y."""
+    flown = hidden_flight("textbook", None, seed=23, duration=90.0, turbulence="none", noise_scale=1.0, strength=1.0)
+    flight = settled_flight(reconstruct(flown.aircraft, flown.samples))
+    axis, of_noise = compare(flight).axes["CY"], compare(replace(flight, bias_std=None)).axes["CY"]
+    assert axis.fit.nrmse_held_out == of_noise.fit.nrmse_held_out > 1.5 * of_noise.floor.nrmse
+    assert 0.7 < axis.fit.nrmse_held_out / axis.floor.nrmse < 1.3
+    assert of_noise.places and not axis.places
+    stands = axis.floor.bias[:, 0]
+    assert np.abs(axis.floor.without_bias(stands)).max() < 0.05 * np.abs(stands).max()
+
+
+def test_at_one_speed_a_bias_is_the_constant(aircraft) -> None:
+    flight = flight_without_missing_effects(aircraft, 5)
+    steady = flight.signals.copy()
+    steady[:, SIGNAL_INDEX["qbar"]] = 150.0
+    steady = replace(flight.with_signals(steady), bias_std=np.array([0.1, 0.1, 0.1]))
+    fits, _ = fits_of(steady)
+    for axis, fit in fits.items():
+        bias = noise_floor(steady, axis, fit.fit).bias
+        assert bias.shape == (len(flight.time), 0) if axis in MOMENTS else np.abs(bias[:, 0]).max() < 1e-9, axis
+
+
 def test_sensors_noisier_than_the_file_are_noticed(aircraft) -> None:
     """An accelerometer with four times the noise: seen in the fast part of C_X and C_Y, by about as much."""
     quiet = {**aircraft.sensors, "accelerometer": replace(aircraft.sensors["accelerometer"], noise=(0.0075,))}
@@ -122,7 +148,7 @@ def test_fast_part_of_drawn_noise_is_one() -> None:
     random, step = np.random.default_rng(2), 0.04
     weights, _ = window_weights(0.01)
     points = np.convolve(random.normal(size=20_000), weights, "valid")[::4]
-    floor = NoiseFloor((Source(np.ones(len(points)), 0.01),), (), 1.0, step)
+    floor = NoiseFloor((Source(np.ones(len(points)), 0.01),), (), np.zeros((len(points), 0)), 1.0, step)
     time = step * np.arange(len(points))
     assert noise_seen(floor, time, 3.0 * points) == pytest.approx(3.0, rel=0.1)
     slow = 5.0 * np.sin(2.0 * time)

@@ -25,7 +25,7 @@ def windowed(random: np.random.Generator, points: int, kept: float = 0.0) -> np.
 
 def known_correlation(kept: float = 0.0) -> np.ndarray:
     source = Source(np.ones(1), INTERVAL, correlation=kept)
-    return NoiseFloor((source,), (), 1.0, STEP).correlation(ORDER, EVERY)
+    return NoiseFloor((source,), (), np.zeros((1, 0)), 1.0, STEP).correlation(ORDER, EVERY)
 
 
 @pytest.mark.parametrize("points", [500, 3000])

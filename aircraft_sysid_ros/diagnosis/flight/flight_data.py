@@ -55,6 +55,8 @@ class FlightData:
     step: float  # [s]
     #: One sigma [m/s] of the air-relative velocity across the flow, the median over the flight; NaN: not stated.
     air_velocity_std: float = np.nan
+    #: One sigma (3,) [m/s^2] of the bias of the accelerometer, the median over the flight; None: not stated.
+    bias_std: Array | None = field(default=None, compare=False)
     smoothed: bool = False  # by later measurements too
     sparse_interval: float = 0.0  # [s] between states where they are sparse (identification.coefficients.pace), else 0
     manoeuvre: Integers | None = None  # (n,) number from 0 of the manoeuvre of each point; None: it is one flight

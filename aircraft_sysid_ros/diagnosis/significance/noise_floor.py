@@ -15,9 +15,10 @@ Where states are sparse (``identification.coefficients.pace``), a point sees its
 straight lines between them. What noise a window lets through then depends on where it lies between the states: the
 variance is the mean over PHASES places.
 
-What is slow, such as a bias, is explained by the constant term and is not part of it. The noise of the air data is that
-of the flight, as far as third differences show it, that of IMU and surfaces what its quietest quarter shows where the
-window looks (``flight.white_noise``); ``noise_seen`` asks the residuals.
+The bias of an accelerometer is known as well as the filter says, which without an attitude is badly, and it walks: what
+the terms of the axis do not explain of it is part of the floor too. What else is slow they explain. The noise of the
+air data is that of the flight, as far as third differences show it, that of IMU and surfaces what its quietest quarter
+shows where the window looks (``flight.white_noise``); ``noise_seen`` asks the residuals.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ from functools import cache
 import numpy as np
 import numpy.typing as npt
 
-from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
+from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, FORCES
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
 from aircraft_sysid_ros.aircraft.expression import Program
 from aircraft_sysid_ros.aircraft.signals import SIGNAL_INDEX
@@ -50,6 +51,8 @@ _WITH_AIRSPEED = {
 _SURFACES = ("de", "da", "dr", "flaps")
 #: Fourth differences see noise and not the slow part of a residual.
 _STENCIL = np.array([1.0, -4.0, 6.0, -4.0, 1.0])
+#: Cosines of which the walk of a bias is made; those that are left out are noise beside it.
+COSINES = 8
 #: Places of a window between states that are sparse.
 PHASES = 8
 #: A normal variable is within this many sigma half of the time.
@@ -90,16 +93,29 @@ class NoiseFloor:
 
     response: tuple[Source, ...]
     condition: tuple[Source, ...]
+    bias: Array  # (n, k) what one sigma of each number of the bias of the accelerometer does to the residual
     nrmse: float
     step: float
 
     @property
     def std(self) -> Array:
         """One sigma of the residual of a perfect model (n,)."""
+        return np.asarray(np.hypot(self.noise_std, np.sqrt(np.sum(self.bias**2, axis=1))))
+
+    @property
+    def noise_std(self) -> Array:
+        """The same without the bias (n,)."""
         return np.asarray(np.sqrt(variance_of((*self.response, *self.condition))))
 
+    def without_bias(self, residual: Array) -> Array:
+        """A residual (n,) without the bias that is likeliest by it and by how well the filter knows it."""
+        shapes, scaled = self.bias / self.noise_std[:, None], residual / self.noise_std
+        known = np.isfinite(scaled) & np.isfinite(shapes).all(axis=1)
+        normal = shapes[known].T @ shapes[known] + np.eye(shapes.shape[1])
+        return np.asarray(residual - self.bias @ np.linalg.solve(normal, shapes[known].T @ scaled[known]))
+
     def correlation(self, lags: int, every: int = 1) -> Array:
-        """Correlation (lags + 1,) of the residual of a perfect model, at multiples of ``every`` points."""
+        """Correlation (lags + 1,) of the noise of the residual, without bias, at multiples of ``every`` points."""
         total = np.zeros(lags + 1)
         for source in (*self.response, *self.condition):
             single, size = source.of_points(np.ones(1), self.step), float(np.nanmean(source.variance))
@@ -177,11 +193,30 @@ def noise_floor(flight: FlightData, axis: str, fit: Fit) -> NoiseFloor:
     noise = (_white_noise(flight, "accelerometer"), _white_noise(flight, "gyro"))
     response = response_sources(flight.aircraft, noise, flight.signal("qbar"), index, flight.sparse_interval)
     condition = tuple(_condition_sources(flight, flight.model.programs[index], index, fit))
+    bias = _of_bias(flight, axis, fit)
     used = np.isfinite(fit.residual)
-    mean_square = float(np.mean(variance_of((*response, *condition))[used]))
+    mean_square = float(np.mean((variance_of((*response, *condition)) + np.sum(bias**2, axis=1))[used]))
     spread = float(np.std(flight.coefficient(axis)[used]))
     nrmse = np.sqrt(mean_square) / spread if spread > 0.0 else np.nan
-    return NoiseFloor(response, condition, float(nrmse), flight.step)
+    return NoiseFloor(response, condition, bias, float(nrmse), flight.step)
+
+
+def _of_bias(flight: FlightData, axis: str, fit: Fit) -> Array:
+    """What one sigma of each number of the accelerometer's bias does to the residual (n, k), beyond what terms explain.
+
+    At one speed the constant explains a bias that stands still. At several that is a force that falls with dynamic
+    pressure; and it walks at random: cosines over the flight, as those of Karhunen and Loeve of a random walk.
+    """
+    if axis not in FORCES or flight.bias_std is None:
+        return np.zeros((len(flight.time), 0))
+    flown, number = flight.time[-1], np.arange(1, COSINES + 1)
+    walk = flight.aircraft.process_noise["accelerometer_bias"] * np.sqrt(2.0 * flown) / (np.pi * number)
+    walked = walk * np.cos(np.pi * number * flight.time[:, None] / flown)
+    stands = np.full((len(flight.time), 1), flight.bias_std[FORCES.index(axis)])
+    per_force = flight.aircraft.mass / (flight.signal("qbar") * flight.aircraft.wing_area)
+    force = flight.within(np.hstack([stands, walked]) * per_force[:, None])
+    columns, used = flight.columns(flight.model.programs[AXES.index(axis)]), np.isfinite(fit.residual)
+    return np.asarray(force - columns @ np.linalg.lstsq(columns[used], force[used], rcond=None)[0])
 
 
 def _condition_sources(flight: FlightData, programs: tuple[Program, ...], index: int, fit: Fit) -> Iterator[Source]:
