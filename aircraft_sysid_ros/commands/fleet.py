@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,9 @@ from aircraft_sysid_ros.diagnosis.significance.parametric_bootstrap import COUNT
 from aircraft_sysid_ros.errors import IncompleteError, InputError
 from aircraft_sysid_ros.fleet.fleet import Asked, Fleet, fly_fleet
 from aircraft_sysid_ros.fleet.flights import Files
+
+#: Flights with a verdict that are listed; all of them are on the page and in the tables.
+_MOST_LISTED = 10
 
 
 def add_parser(subparsers: Any) -> argparse.ArgumentParser:
@@ -102,7 +106,20 @@ def render(result: dict[str, Any]) -> str:
     ]
     lines += [_difference_line(each) for each in result["differences"]]
     lines += [_effect_line(each) for each in result["effects"]]
+    lines += list(_verdict_lines(result["verdicts"]))
     return "\n".join(["", *lines, "", *note_lines(result["notes"]), f"page {result['page']}"][1:])
+
+
+def _verdict_lines(verdicts: Sequence[dict[str, Any]]) -> Iterator[str]:
+    """What `diagnose` found in single flights."""
+    if not verdicts:
+        return
+    yield ""
+    yield "diagnose found in single flights, of which some may be false alarms:"
+    for each in verdicts[:_MOST_LISTED]:
+        yield f"  {each['flight']}: {each['verdict']}{': ' * bool(each['effects'])}{', '.join(each['effects'])}"
+    if len(verdicts) > _MOST_LISTED:
+        yield f"  and in {len(verdicts) - _MOST_LISTED} more: the page and verdicts.parquet have them"
 
 
 def _change_line(change: dict[str, Any]) -> str:

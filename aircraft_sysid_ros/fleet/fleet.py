@@ -66,6 +66,15 @@ class Fleet:
         return [f"{f.flight.name}: {loss}" for f in self.flown for loss in f.answer.get("losses", ())]
 
     @property
+    def faulty(self) -> list[dict[str, Any]]:
+        """Flights in which ``diagnose`` found something, with what."""
+        return [
+            {"flight": f.flight.name, "verdict": found["verdict"], "effects": [c["label"] for c in found["candidates"]]}
+            for f in self.flown
+            if (found := f.answer.get("diagnosis")) and found["verdict"] != "none"
+        ]
+
+    @property
     def json(self) -> dict[str, Any]:
         """The content of ``fleet --json``."""
         failures = [{"flight": f.flight.name, "reason": f.answer["reason"]} for f in self.flown if not f.answer["ok"]]
@@ -79,6 +88,7 @@ class Fleet:
             "too_few": self.between.too_few,
             "differences": self.between.differences,
             "effects": self.between.effects,
+            "verdicts": self.faulty,
             "false_discovery_rate": self.between.rate,
             "page": str(self.out / "fleet.html"),
             "notes": [*self.notes, *self.losses],

@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from aircraft_sysid_ros.commands.fleet import render
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.fleet import fleet as module
 from aircraft_sysid_ros.fleet.apart import Failed
@@ -109,6 +110,13 @@ def test_what_changes_is_found_and_shown(place, flown):
     assert tables["parameters"].query("parameter == 'Cm_q'")["std"].isna().all()
     (effect,) = fleet.json["effects"]
     assert (effect["airframe"], effect["effect"], effect["flights"], effect["of"]) == ("B", "stall", 10, 10)
+    (place / "flights" / "B" / "z.mcap").write_text("12 B -1.0")
+    again = fly(place)[0].json
+    assert {each["flight"] for each in again["verdicts"]} == {f"B/{n}" for n in (*range(10), "z")}
+    assert all(each["verdict"] == "missing" and each["effects"] == [HOSTILE] for each in again["verdicts"])
+    said = render(again)
+    assert f"  B/0: missing: {HOSTILE}\n" in said and said.count(HOSTILE) == 11  # ten, and one that is damaged
+    assert "in 1 more" in said and "found in single flights" not in render({**again, "verdicts": []})
     page = (out / "fleet.html").read_text()
     assert "Cm_de" in page and "A/6" in page and HOSTILE not in page and "&lt;script&gt;alert(1)" in page
     json.dumps(fleet.json)
