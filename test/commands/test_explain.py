@@ -78,6 +78,8 @@ SMALL_MARGIN = Fact("static_margin", "stability", "static margin", 2.0, 0.3, "%"
         (Evidence(check_json(LATE, shown=5), (0, 32), diagnosis=CUT), ["loss_of_thrust", "motion", "check offset"]),
         (Evidence(check_json(NO_AIR, shown=5), (0, 32)), ["check missing"]),
         (Evidence(check_json(NO_AIR, shown=5), (0, 32), calm_air=True), ["calm air"]),
+        (Evidence(check_json(WRONG_UNIT, NO_AIR), (0, 32)), ["check unit", "check missing"]),
+        (Evidence(check_json(WRONG_UNIT, NO_AIR), (0, 32), calm_air=True), ["check unit"]),
         (Evidence(check_json(LATE), **USED, diagnosis=STALL), ["check offset", "stall"]),
         (Evidence(check_json(LATE), **USED, diagnosis=HELD), ["stuck_control"]),
         (Evidence(check_json(LATE), **USED, diagnosis=SLOW_SERVO), ["check offset"]),

@@ -149,7 +149,8 @@ def _explained(
         why_not = str(error).replace(str(place), str(out))
         if not any(finding.severity == ERROR for finding in checked.checked.findings):
             raise InputError(why_not) from None
-        said = tuple(what_matters(Evidence(_of_motion(checked), (0, len(aircraft.model.parameter_names)))))
+        unused = (0, len(aircraft.model.parameter_names))
+        said = tuple(what_matters(Evidence(_of_motion(checked), unused, calm_air=options.calm_air)))
         further = tuple(next_flights(checked.json, None, (), None))
         return Explanation(str(log), out, aircraft, checked, said, further, why_not=why_not, notes=tuple(notes))
     notes += _without_what_is_checked(replayed["notes"], checked.checked.findings)

@@ -105,6 +105,8 @@ def _motion(evidence: Evidence) -> Iterator[Said]:
         )  # fmt: skip
         return
     lacking = [f for f in _findings(evidence.check, WARNING) if f.kind == "missing"] if not used else []
+    if evidence.calm_air and any(_contradictions(evidence)):  # it is not for calm air that nothing can be used
+        lacking = [finding for finding in lacking if "true_airspeed" not in finding.signals]
     if lacking:
         named = listed(short_names(lacking[0].signals).split(", "))
         if evidence.calm_air and "true_airspeed" in lacking[0].signals:
