@@ -40,6 +40,8 @@ STRANGERS = {
 }  # fmt: skip
 #: Where the IMU is, at most, from the centre of gravity [m], which the user does not say.
 IMU_PLACE = 0.4
+#: Share of its travel to which a test puts the rudder.
+RUDDER_PUT = 0.5
 #: Wind at 20 ft [m/s] of gusts that are none, light and more than light.
 GUSTS = (0.0, 3.0, 6.0)
 _RATES = tuple(f"velocities/{axis}-rad_sec" for axis in "pqr")
@@ -72,11 +74,21 @@ class _Broken:
     """Hands the commands on to the aeroplane, with the rates fed back, until what fails holds one of them."""
 
     def __init__(
-        self, per: Array, gains: Array, failure: str, times: tuple[float, float], share: float, count: int
+        self,
+        per: Array,
+        gains: Array,
+        failure: str,
+        times: tuple[float, float],
+        share: float,
+        count: int,
+        put: Array | None = None,
     ) -> None:
-        """``per`` (4,): what a whole command moves; ``gains`` (3,): answers to q, p and r [rad per rad/s]."""
+        """``per`` (4,): what a whole command moves; ``gains`` (3,): answers to q, p and r [rad per rad/s].
+
+        ``put`` (4,): the commands at which it is held, None: those of the moment.
+        """
         self._per, self._gains, self._failure, self._times, self._share = per, gains, failure, times, share
-        self._held = np.zeros(4)
+        self._put, self._held = put, np.zeros(4)
         self.commands = np.zeros((count, 4))
 
     def __call__(self, executive: Any, i: int, wanted: Array) -> Array:
@@ -88,7 +100,7 @@ class _Broken:
         self.commands[i] = wanted
         failed = self._times[0] <= i / RATE < self._times[1]
         if not failed:
-            self._held = wanted
+            self._held = wanted if self._put is None else self._put
         return really(self._failure, wanted, self._held, self._share) if failed else wanted
 
 
@@ -103,8 +115,13 @@ def _readings(truth: Truth, imu: Array) -> Array:
     return out
 
 
-def fly(seed: int, layout: Layout, failure: str, aeroplanes: Mapping[str, float] = MODELS) -> FailureFlight:
-    """One flight of an aeroplane of JSBSim, with the file of its user. Ends where it is lost."""
+def fly(
+    seed: int, layout: Layout, failure: str, aeroplanes: Mapping[str, float] = MODELS, *, moved: bool = False
+) -> FailureFlight:
+    """One flight of an aeroplane of JSBSim, with the file of its user. Ends where it is lost.
+
+    ``moved``: what fails goes where a test puts it, the rudder to a side and all else to its trim.
+    """
     rng = np.random.default_rng([seed, 61])
     name = str(rng.choice(sorted(aeroplanes)))
     setup = prepare_jsbsim(name, aeroplanes[name])
@@ -123,7 +140,8 @@ def fly(seed: int, layout: Layout, failure: str, aeroplanes: Mapping[str, float]
     gains, imu = rng.uniform(0.0, 0.25, 3) * [1.0, 0.6, 1.0], rng.uniform(-IMU_PLACE, IMU_PLACE, 3)
     signs = -np.sign([setup.slopes.pitch_control, setup.slopes.roll_control, setup.slopes.yaw_control])
     per = setup.control_per_command
-    broken = _Broken(per, gains * signs, failure, (begin, end), share, len(time))
+    put = setup.trim_commands + RUDDER_PUT * rng.choice([-1.0, 1.0]) * np.array([0.0, 0.0, failure == "rudder", 0.0])
+    broken = _Broken(per, gains * signs, failure, (begin, end), share, len(time), put if moved else None)
     truth = _flown(setup, wind, plan, broken)
     commands = setup.trim.controls + (broken.commands[: len(truth.time)] - setup.trim_commands) * per
     users = aircraft_from_dict({key: setup.aircraft.source[key] for key in SHAPE})

@@ -1,6 +1,6 @@
 """What `check` and `diagnose` say of missions of JSBSim's aeroplanes: clean ones, and such in which something fails.
 
-    python benchmarks/missions.py [--clean 60] [--failed 36] [--first 9946000] [--jobs 2]
+    python benchmarks/missions.py [--clean 60] [--failed 36] [--moved 18] [--first 9946000] [--jobs 2]
     python benchmarks/missions.py --aeroplanes strangers --first 9961000
 
 The flights are those of jsbsim_missions.py, each with a layout of a log that is drawn; each is a line in
@@ -40,6 +40,8 @@ AEROPLANES = {USUAL: MODELS, "known": jsbsim_missions.KNOWN, "strangers": jsbsim
 #: Rates [Hz] of a logger: of the IMU, of the commands, and of airspeed, 0 where there is none.
 IMU, COMMANDS, AIRSPEED = (10.0, 25.0, 50.0, 100.0), (2.5, 5.0, 10.0, 25.0, 50.0), (0.0, 5.0, 10.0, 20.0)
 FAILURES = ("elevator", "aileron", "rudder", "engine", PART_OF + "elevator", PART_OF + "aileron")
+#: What a test puts aside, or to its trim, in place of where it was.
+MOVED = ("rudder", "aileron", "elevator")
 
 
 def layout_of(seed: int, some_have_vanes: bool = False) -> Layout:
@@ -57,7 +59,7 @@ def fly(job: dict[str, Any]) -> dict[str, Any]:
     layout = layout_of(job["seed"], "aeroplanes" in job)
     result = {**job, "imu": layout.imu, "commands": layout.controls, "airspeed": layout.airspeed}
     try:
-        flight = jsbsim_missions.fly(job["seed"], layout, job["failure"], aeroplanes)
+        flight = jsbsim_missions.fly(job["seed"], layout, job["failure"], aeroplanes, moved="moved" in job)
         checked = check(flight_of(flight.samples, flight.samples.stamp), textbook_model())
         said = answer(flight.aircraft, flight.samples, calm_air=not layout.airspeed)
     except InputError as error:
@@ -85,10 +87,11 @@ def fly(job: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-def jobs(clean: int, failed: int, first: int, aeroplanes: str = USUAL) -> list[dict[str, Any]]:
+def jobs(clean: int, failed: int, first: int, aeroplanes: str = USUAL, moved: int = 0) -> list[dict[str, Any]]:
     """Clean flights, and flights in which the failures take turns."""
     flights: list[dict[str, Any]] = [{"seed": first + n, "failure": "none"} for n in range(clean)]
     flights += [{"seed": first + 50_000 + n, "failure": FAILURES[n % len(FAILURES)]} for n in range(failed)]
+    flights += [{"seed": first + 80_000 + n, "failure": MOVED[n % len(MOVED)], "moved": True} for n in range(moved)]
     return flights if aeroplanes == USUAL else [{**job, "aeroplanes": aeroplanes} for job in flights]
 
 
@@ -100,9 +103,10 @@ def summary(results: list[dict[str, Any]]) -> str:
         f"clean flights: {len(clean)}, given a verdict: {sum(r['verdict'] != 'none' for r in clean)}, "
         f"told of a fault by check: {sum(bool(r['check']) for r in clean)}"
     ]
-    for failure in FAILURES:
-        said = Counter(str((r["verdict"], r["input"] or r["first"])) for r in done if r["failure"] == failure)
-        lines.append(f"  {failure}: {dict(said)}")
+    for failure, moved in (*((f, False) for f in FAILURES), *((f, True) for f in MOVED)):
+        these = [r for r in done if r["failure"] == failure and ("moved" in r) == moved]
+        said = Counter(str((r["verdict"], r["input"] or r["first"])) for r in these)
+        lines.append(f"  {failure}{', moved' * moved}: {dict(said)}")
     return "\n".join([*lines, f"not diagnosed: {len(results) - len(done)}"])
 
 
@@ -111,13 +115,14 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--clean", type=int, default=60)
     parser.add_argument("--failed", type=int, default=36)
+    parser.add_argument("--moved", type=int, default=0, help="flights in which a surface is put elsewhere")
     parser.add_argument("--first", type=int, default=FIRST, help="first seed")
     parser.add_argument("--jobs", type=int, default=len(os.sched_getaffinity(0)))
     parser.add_argument("--aeroplanes", choices=list(AEROPLANES), default=USUAL)
     parser.add_argument("--results", type=Path, help="default: missions.jsonl, or one named for the aeroplanes")
     args = parser.parse_args()
     named = RESULTS if args.aeroplanes == USUAL else RESULTS.with_stem(f"missions_{args.aeroplanes}")
-    wanted = jobs(args.clean, args.failed, args.first, args.aeroplanes)
+    wanted = jobs(args.clean, args.failed, args.first, args.aeroplanes, args.moved)
     results = []
     for result in flown(fly, wanted, args.results or named, args.jobs):
         results.append(result)

@@ -301,8 +301,8 @@ def missions(flown: list[dict[str, Any]]) -> Rows:
     """
     judged = [flight for flight in flown if "verdict" in flight]
     rows = []
-    for failure in dict.fromkeys(flight["failure"] for flight in judged):
-        own = [flight for flight in judged if flight["failure"] == failure]
+    for failure, moved in dict.fromkeys((flight["failure"], "moved" in flight) for flight in judged):
+        own = [flight for flight in judged if (flight["failure"], "moved" in flight) == (failure, moved)]
         signal = _INPUTS.get(failure.removeprefix(PART), "")
         named = [f for f in own if f["verdict"] == "missing" and f["input"] == signal]
         right = [f for f in named if (f["first"] == "control_damage") == failure.startswith(PART)]
@@ -310,17 +310,20 @@ def missions(flown: list[dict[str, Any]]) -> Rows:
         unsure = [f for f in own if f["verdict"] == "unexplained"]
         of_it = sum(f["input"] == signal for f in unsure)
         none = sum(f["verdict"] == "none" for f in own)
-        other = len(own) - len(right) - len(unsure) - none - has
-        near = sum(abs(f["times"]["t0"] - f["begin"]) < 2.0 for f in right)
+        unseen = [f for f in own if failure != "none" and f["first"] == "parameter_change"]
+        other = len(own) - len(right) - len(unseen) - len(unsure) - none - has
+        near = sum(abs(f["times"]["t0"] - f["begin"]) < 2.0 for f in (*right, *unseen))
         checked = sum(bool(f["check"]) for f in own)
-        what = "nothing" if failure == "none" else failure
+        what = "nothing" if failure == "none" else failure + ", put elsewhere" * moved
         unexplained = f"{len(unsure)} ({of_it} that control)" if unsure else "0"
-        rows.append([what, *map(str, (len(own), none, len(right), near, unexplained, has, other, checked))])
+        counts = (len(own), none, len(right), len(unseen), near, unexplained, has, other, checked)
+        rows.append([what, *map(str, counts)])
     head = [
         "fails",
         "flights",
         "none",
         "named",
+        "a moment that no input shows",
         "dated within 2 s",
         "unexplained",
         "the lag of the downwash that it has",

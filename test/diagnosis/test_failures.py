@@ -312,6 +312,14 @@ def test_a_rudder_that_goes_hard_over_is_a_moment_that_no_input_shows(hard_over)
     assert "No recorded input shows a rolling moment" in said["advice"] and "yawing moment" in said["advice"]
 
 
+def test_a_rudder_that_stands_aside_does_not_keep_a_third_of_its_effect() -> None:
+    """About a place that is far beyond all that it is told to: no surface keeps a share of its effect there."""
+    flight = flights.fly(9977031, flights.LAYOUTS["no airspeed, 25 Hz"], "rudder", moved=True)
+    report = failures_of(flight.aircraft, flight.samples)
+    assert report.found == () and report.changed is not None and report.changed.main_axis == "Cn"
+    assert abs(report.changed.begin - flight.begin) < 1.0
+
+
 def test_a_surface_that_keeps_part_of_its_effect_is_named_with_what_is_left() -> None:
     flight = flights.fly(8420005, flights.LAYOUTS["airspeed, 50 Hz"], "part of elevator")
     (found,) = failures_of(flight.aircraft, flight.samples).found
@@ -328,7 +336,7 @@ def test_inputs_that_a_flight_does_not_show_are_said_and_not_called_sound() -> N
     values[controls, 2] = 1e-4 * np.sin(np.arange(controls.sum()))  # the rudder moves by nothing that counts
     still = replace(flight.samples, values=values)
     advice = report_json(failures_of(flight.aircraft, still), [])["advice"]
-    assert "would show it has failed: elevator" in advice
+    assert "none was seen to fail: elevator" in advice and "would not be seen" in advice
     assert "Whether" in advice and "rudder" in advice.partition("Whether")[2]
 
 

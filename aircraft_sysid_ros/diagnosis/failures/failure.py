@@ -37,6 +37,7 @@ class Failure(Episode):
     asked_for: float  # [s] of one of its times in which it was told to do more than half of what it does elsewhere
     usual: float  # standard deviation of the input at other times
     moved: float  # and meanwhile
+    beyond: float  # of PART: how far beyond its travel it would be what it keeps its share about, over the travel
     recorded: bool = False  # the recorded input says so itself: the throttle was cut
     rivals: tuple[str, ...] = ()  # what explains it nearly as well
 
@@ -103,7 +104,24 @@ def described(balance: ForceBalance, search: FailureSearch, judged: Judged) -> F
         evidence=judged.evidence, gains=dict(judged.gains), main_axis=axis, size=1.0 - after / before,
         errors=errors, left=float(is_part + with_rest.parameters[-1]),
         left_std=float(with_rest.std[-1]), level=level, asked=asked, asked_for=asked_for, usual=usual, moved=moved,
+        beyond=_beyond(acting, failed, fitted.parameters[at], with_rest.parameters[-2:]) if is_part else 0.0,
     )  # fmt: skip
+
+
+def _beyond(acting: Acting, failed: Array, effect: Array, changed: Array) -> float:
+    """How far beyond the travel of an input, over that, lies the place about which it keeps a share of its effect.
+
+    A surface makes a share of what it is told to about its neutral place, and where one of two stands still about that
+    place: somewhere in its travel, or at 0. ``effect`` (k,) and ``changed`` (2,): the parameters of its columns, of the
+    constant and of the share that change.
+    """
+    per_unit = float(failed @ acting.per_unit @ effect)
+    if per_unit == 0.0 or changed[1] == 0.0:
+        return np.inf
+    constant = float(changed[0]) * float(failed @ acting.per_unit[:, 0]) / per_unit
+    place = acting.mean - constant / float(changed[1])
+    low, high = min(float(acting.values.min()), 0.0), max(float(acting.values.max()), 0.0)
+    return max(low - place, place - high, 0.0) / (high - low)
 
 
 def _level(judged: Judged, acting: Acting, asked: float, failed: Array, parameters: Array) -> float:

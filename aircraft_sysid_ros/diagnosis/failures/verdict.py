@@ -21,6 +21,10 @@ ENGINE_TIME, SURFACE_TIME = 8.0, 6.0
 SHORT_AXES, SHORT_EVIDENCE = 2, 30.0
 #: Share of its effect that an input keeps which lost part of it, with two standard errors to either side.
 LEAST_PART, MOST_PART = 0.15, 0.75
+#: Beyond its travel, as a share of that, the place about which it keeps that part may seem to lie. A rudder that stands
+#: hard over is a moment, and what is regressed on it beside that had called it a rudder that keeps a third (seeds
+#: 9977029 and 9977031 of failures.py, by 0.6 and 1.1; of 13 that keep a part none is beyond by more than 0.01).
+MOST_BEYOND = 0.25
 #: Or so many of its usual standard deviations away from where it stays an input must have been told to be.
 FAR = 3.0
 #: Share of its usual motion that an input must be told to make meanwhile: less may be the noise of its record, which no
@@ -47,6 +51,7 @@ def keeps_part(failure: Failure) -> bool:
     """Whether an input that lost part of its effect surely keeps part of it."""
     low, high = failure.left - 2.0 * failure.left_std, failure.left + 2.0 * failure.left_std
     told = low > LEAST_PART and high < MOST_PART and failure.moved >= LEAST_MOTION * failure.usual
+    told = told and failure.beyond <= MOST_BEYOND
     return told and failure.size >= THRESHOLDS.size and is_long_enough(failure)
 
 

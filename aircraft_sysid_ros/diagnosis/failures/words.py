@@ -300,7 +300,10 @@ def _advice(report: FailureReport) -> Iterator[str]:
             yield f"The model has it that {listed(failed)} failed or changed for a time. Beyond that:"
         hidden = [_WHAT.get(name, name) for name in report.tried if name not in report.shown | unlike]
         if known:
-            yield f"None of the inputs of which this flight would show it has failed: {', '.join(known)}."
+            yield (
+                f"Of the inputs whose effect this flight shows none was seen to fail: {', '.join(known)}. One that "
+                "fails for seconds only, or while it is hardly told to move, would not be seen."
+            )
         if unlike:
             yield (
                 f"What {listed([_WHAT.get(name, name) for name in report.tried if name in unlike])} does is not the "
