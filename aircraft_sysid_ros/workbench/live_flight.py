@@ -50,6 +50,7 @@ class LiveFlight:
     is_there: bool = False
     was_there: bool = False
     last_heard: float | None = None  # time of the clock [s]
+    number: int = 0  # of the flight: rises where another one begins
     _zero: float | None = None
     _newest: dict[str, float] = field(default_factory=dict)
 
@@ -79,7 +80,8 @@ class LiveFlight:
         self.heard[kind] += 1  # at the end: a page that sees a new count must find what is new
 
     def presence(self, is_there: bool) -> None:
-        """Whether anybody publishes as the parameter node."""
+        """Whether anybody publishes as the parameter node; one that comes back is another node."""
+        self.number += is_there and not self.is_there and self.was_there
         self.is_there = is_there
         self.was_there |= is_there
 
@@ -93,6 +95,7 @@ class LiveFlight:
 
     def _restart(self) -> None:
         """Another flight: nothing of the last one may stand beside it."""
+        self.number += 1
         self.errors.clear()
         self.states.clear()
         self.changes.clear()

@@ -84,16 +84,24 @@ class LiveSession:
         if kind in (NO_ROS, READY):
             self._ready.set()
         elif kind == PRESENCE:
-            self.flight.presence(bool(content))
+            self._of_flight(lambda: self.flight.presence(bool(content)))
             return
         elif kind == ANSWER:
             self._answered(content)
         elif kind == INPUTS:
             self.flight.inputs = content  # type: ignore[assignment]
         else:
-            self.flight.take(kind, content)  # type: ignore[arg-type]
+            self._of_flight(lambda: self.flight.take(kind, content))  # type: ignore[arg-type]
             return
         self.revision += 1
+
+    def _of_flight(self, hear: Callable[[], None]) -> None:
+        """Hear something of the flight; what came of the last request is none of another flight's."""
+        number = self.flight.number
+        hear()
+        if self.flight.number != number and self.sentence:
+            self.sentence, self.is_bad = "", False
+            self.revision += 1
 
     def _answered(self, content: object) -> None:
         assert isinstance(content, dict)

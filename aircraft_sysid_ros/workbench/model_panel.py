@@ -8,7 +8,7 @@ from nicegui import events, ui
 
 from aircraft_sysid_ros.workbench import markup
 from aircraft_sysid_ros.workbench.errors_panel import Errors
-from aircraft_sysid_ros.workbench.panel import Html, Panel, card, plot, side_tabs
+from aircraft_sysid_ros.workbench.panel import Html, Panel, bring_into_view, card, plot, side_tabs
 from aircraft_sysid_ros.workbench.side_panels import AddPanel, WherePanel, WhyPanel
 from aircraft_sysid_ros.workbench.views.candidates import moments_named
 from aircraft_sysid_ros.workbench.views.coefficients import ORDER, Span, axis_rows, coefficient_figure, whole
@@ -111,6 +111,8 @@ class ModelPanel(Panel):
     def look_at(self, window: Span | None, marks: list[Span] | None = None) -> None:
         """Show a window of time in all plots, the whole flight for None; ``marks`` None leaves what is marked."""
         look = self.page.look
+        if marks:
+            bring_into_view(self._window)
         if window is not None:
             begin, end = whole(self.page.view.comparison)
             middle = 0.5 * (window[0] + window[1])

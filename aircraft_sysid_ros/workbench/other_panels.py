@@ -7,7 +7,7 @@ from typing import Any
 from nicegui import events, ui
 
 from aircraft_sysid_ros.workbench import markup
-from aircraft_sysid_ros.workbench.panel import Html, Panel, card, picked, plot
+from aircraft_sysid_ros.workbench.panel import Html, Panel, bring_into_view, card, picked, plot
 from aircraft_sysid_ros.workbench.refine_panel import RefinePanel
 from aircraft_sysid_ros.workbench.views import states, track
 from aircraft_sysid_ros.workbench.views.figure import Figure
@@ -78,6 +78,7 @@ class ParametersPanel(Panel):
             return
         self._name = name
         self.update()
+        bring_into_view(self._title)
 
     def _figure(self) -> Figure:
         record, theme = self.page.session.record, self.page.look.theme

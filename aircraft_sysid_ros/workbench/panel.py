@@ -65,6 +65,14 @@ class Html(ui.html):
         self.content = str(escape(content))
 
 
+def bring_into_view(element: ui.element) -> None:
+    """Scroll to an element that is out of sight: in a narrow window all stands one below another."""
+    ui.run_javascript(
+        f"const e = document.getElementById('{element.html_id}'), box = e?.getBoundingClientRect();"
+        "if (box && (box.bottom < 0 || box.top > innerHeight)) e.scrollIntoView({block: 'start', behavior: 'smooth'})"
+    )
+
+
 def card(title: str = "") -> ui.element:
     """A box, with its heading."""
     box = ui.element("section").classes("card")

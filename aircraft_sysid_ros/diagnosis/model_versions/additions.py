@@ -397,8 +397,12 @@ def _verdict_of(setting: Setting, axes: Mapping[str, Mapping[str, float]]) -> st
     return f"{better}, but by no more than chance does ({setting.evidence:.0%} of what is needed): {errors}"
 
 
+def _most_changed(axes: Mapping[str, Mapping[str, float]]) -> str:
+    return max(axes, key=lambda a: abs(np.log(axes[a]["error_before"] / axes[a]["error_after"])))
+
+
 def _largest_change(axes: Mapping[str, Mapping[str, float]]) -> str:
-    axis = max(axes, key=lambda a: abs(np.log(axes[a]["error_before"] / axes[a]["error_after"])))
+    axis = _most_changed(axes)
     before, after = (100.0 * axes[axis][name] for name in ("error_before", "error_after"))
     digits = next((d for d in (1, 2, 3) if f"{before:.{d}f}" != f"{after:.{d}f}"), 1)
     return f"{before:.{digits}f} % to {after:.{digits}f} % in {axis}"
@@ -410,7 +414,9 @@ def _verdict(label: str, axes: Mapping[str, Mapping[str, float]], improved: bool
         return f"{'without' if removed else 'with'} '{label}' the held-out error falls from {numbers}"
     if removed:
         return f"without '{label}' the held-out error goes from {numbers}"
-    return f"'{label}' does not lower the held-out error ({numbers}): {_NO_REASON}"
+    errors = axes[_most_changed(axes)]
+    lowers = "hardly lowers" if errors["error_after"] < errors["error_before"] else "does not lower"
+    return f"'{label}' {lowers} the held-out error ({numbers}): {_NO_REASON}"
 
 
 def parameters_of(run: Run, flight: FlightData, fits: Mapping[str, AxisFit]) -> list[dict[str, Any]]:
