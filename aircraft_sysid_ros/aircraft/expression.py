@@ -112,7 +112,9 @@ def _parsed(text: str, inputs: tuple[str, ...]) -> Program:
             warnings.simplefilter("error")  # what Python only warns of is no expression either
             tree = ast.parse(text, mode="eval").body
     except (SyntaxError, ValueError, RecursionError, MemoryError):
-        raise InputError(f"'{echo(text)}' is not an expression: write it like alpha**2 or beta*dr") from None
+        is_cut = text.count("(") > text.count(")")
+        cut = ", and put one with a comma in quotes in YAML, as 'lag(da, 0.05)'" if is_cut else ""
+        raise InputError(f"'{echo(text)}' is not an expression: write it like alpha**2 or beta*dr{cut}") from None
     rows: list[tuple[float, float]] = []
     lags: list[Lag] = []
     try:

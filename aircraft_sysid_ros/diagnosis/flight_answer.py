@@ -21,6 +21,7 @@ from aircraft_sysid_ros.diagnosis.failures.failures import by_forces, failures_o
 from aircraft_sysid_ros.diagnosis.failures.words import notes_of, report_json
 from aircraft_sysid_ros.diagnosis.flight_diagnosis import diagnose_flight
 from aircraft_sysid_ros.diagnosis.model_versions.versions import open_run
+from aircraft_sysid_ros.diagnosis.search.evaluator import has_late_surfaces
 from aircraft_sysid_ros.diagnosis.several_runs import join_runs
 from aircraft_sysid_ros.diagnosis.significance.parametric_bootstrap import COUNT
 from aircraft_sysid_ros.errors import InputError
@@ -31,6 +32,13 @@ from aircraft_sysid_ros.identification.coefficients.pace import (
 )
 from aircraft_sysid_ros.reconstruction.absences import assumed_calm, has_airspeed, options_after_flight
 from aircraft_sysid_ros.samples import Kind, Samples
+
+#: Said where surfaces come later than they are recorded.
+LATE_SURFACES = (
+    "surfaces follow what is recorded: a delay stands for the lag of a servo, so that derivatives of quick motion may "
+    "be too small, and a limit of its rate, free play and rates of the flow angles are not looked for beside it; "
+    "record deflections, or have lag(de, 0.05) in place of de in the model, with the time constant of the servo"
+)
 
 
 def diagnose_run(
@@ -87,6 +95,7 @@ def answer(
             raise
         return report_json(report, [*notes, f"the library was not searched: {error}"])
     said = [*notes, *found.flight.notes, *([] if report is None else notes_of(report))]
+    said += [LATE_SURFACES] if has_late_surfaces(found.flight.aircraft) else []
     return {**found.json, "notes": said}
 
 

@@ -248,6 +248,7 @@ BAD = {
     "long term": (MINIMAL + f"model: {{CZ: [{'+'.join(['alpha'] * 900)}]}}\n", "is longer than 4000 characters"),
     "long name in a term": (MINIMAL + f"model: {{CZ: [{'a' * 3000}]}}\n", "'a{60}…' in 'a{60}…' is no signal"),
     "deep term": (MINIMAL + f"model: {{CZ: ['{'(' * 900}alpha{')' * 900}']}}\n", "is not an expression|too deeply"),
+    "a term that YAML cuts": (MINIMAL + "model: {CZ: [1, lag(de, 0.05)]}\n", r"put one with a comma in quotes in YAML"),
     "escapes of a terminal": (MINIMAL + '"\\e[2J\\a": 1\n', r"unknown key '\[2J'"),
     "megabytes": (MINIMAL + "# " + "x" * 11_000_000, "larger than 10 MB"),
 }

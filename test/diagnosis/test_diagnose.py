@@ -23,6 +23,7 @@ from aircraft_sysid_ros.diagnosis.flight.reconstruction import (
     reconstruct_as_flown,
     settled_flight,
 )
+from aircraft_sysid_ros.diagnosis.flight_answer import answer
 from aircraft_sysid_ros.diagnosis.flight_diagnosis import diagnose_flight, with_best_setting
 from aircraft_sysid_ros.diagnosis.measurement import Setting, maximum, measurement_faults
 from aircraft_sysid_ros.diagnosis.search.candidates import Candidate
@@ -42,7 +43,7 @@ from aircraft_sysid_ros.run_writer import RunWriter
 from aircraft_sysid_ros.samples import Kind
 from aircraft_sysid_ros.sensors.sensor_models import SensorOptions
 from aircraft_sysid_ros.simulation.dynamics import Effect as Term
-from aircraft_sysid_ros.simulation.simulated_flight import hidden_flight, simulate_samples
+from aircraft_sysid_ros.simulation.simulated_flight import default_aircraft, hidden_flight, simulate_samples
 
 SOME = [
     BY_ID[name]
@@ -130,6 +131,15 @@ def test_the_size_of_an_effect_is_that_of_the_simulation(two_effects):
 def test_with_what_was_found_the_error_is_that_of_the_truth(two_effects):
     for axis in ("Cl", "CX"):
         assert two_effects.diagnosis.bench.fits[axis].nrmse_held_out < 1.4 * two_effects.diagnosis.floor[axis]
+
+
+def test_a_servo_that_follows_with_a_lag_is_late_and_has_no_limit_of_its_rate() -> None:
+    """A delay is a simple picture of a lag: what that leaves had been a rate limit, and C_m by alpha_dot."""
+    slow = SensorOptions(command_lag=0.06, attitude=True)
+    flown = simulate_samples(default_aircraft(), 84, 100.0, manoeuvres="varied", sensors=slow)
+    said = answer(default_aircraft(), flown.samples, replicas=5)
+    assert [c["label"] for c in said["candidates"] if c["found"]] == ["actuator_lag"]
+    assert any("a delay stands for the lag of a servo" in note for note in said["notes"])
 
 
 def test_an_effect_outside_the_library_is_unexplained_and_not_given_another_name(two_effects):

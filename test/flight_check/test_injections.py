@@ -85,3 +85,16 @@ def test_a_gps_that_was_interpolated_to_the_rate_of_others_is_found(clean):
     joined = concatenate([clean[~rows], samples_of(Kind.GPS_VELOCITY, dense, *columns)])
     found = serious(checked(joined))
     assert ("velocity.north", "held") in found and {kind for _, kind in found} == {"held"}
+
+
+def test_one_axis_without_numbers_for_a_fifth_of_the_flight_is_named(clean):
+    """A sample is used whole or not at all: the other five axes are lost with it, and nothing else had said so."""
+    from aircraft_sysid_ros.samples import Kind, Samples
+
+    values, rows = clean.values.copy(), flight_check.np.flatnonzero(clean.kind == Kind.IMU)
+    some = rows[len(rows) // 3 :][: len(rows) // 5]
+    values[some, 4] = flight_check.np.nan
+    found = checked(Samples(clean.stamp, clean.kind, values)).findings
+    (finding,) = [f for f in found if "no numbers" in f.sentence]
+    assert finding.signals == ("angular_velocity.y",) and finding.kind == "missing"
+    assert f"{len(some)} of {len(rows)}" in finding.sentence

@@ -23,6 +23,8 @@ from aircraft_sysid_ros.stretches import stretches
 
 Array = npt.NDArray[np.float64]
 
+#: Kinds of which a sample is used whole or not at all, and the share of values that may lack without a word.
+_WHOLE, _LACKS = (Kind.IMU, Kind.GPS_VELOCITY), 0.01
 #: A flat top: samples at the extreme in the longest run, in all, and against the next value beside it.
 LEAST_RUN, _FLAT, _TIMES = 4, 8, 3.0
 #: Share of spikes that is worth a warning.
@@ -77,7 +79,7 @@ def _interpolated(names: tuple[str, ...], stream: Stream, columns: slice) -> lis
 
 def _unusable(names: tuple[str, ...], stream: Stream) -> list[Finding]:
     total = len(stream.time) + stream.unusable
-    if stream.unusable < 0.01 * total:
+    if stream.unusable < _LACKS * total:
         return []
     return [Finding(
         names, "missing", WARNING,
@@ -94,6 +96,12 @@ def _one(name: str, kind: Kind, stream: Stream, column: int) -> list[Finding]:
     if name in COMMANDED:
         return _commanded(name, values)
     found = []
+    lacks = len(known) - len(values)
+    if kind in _WHOLE and lacks >= _LACKS * len(known):
+        found.append(Finding(
+            (name,), "missing", WARNING,
+            f"{lacks} of {len(known)} values are no numbers, and the samples that hold them are not used: find out why",
+        ))  # fmt: skip
     if absurd > 0 and np.percentile(np.abs(values), 95) < 0.1 * LARGEST_VALUES[kind, column]:
         found.append(Finding(
             (name,), "noise", WARNING,
