@@ -76,6 +76,7 @@ SMALL_MARGIN = Fact("static_margin", "stability", "static margin", 2.0, 0.3, "%"
         (Evidence(check_json(WRONG_UNIT, LATE), (3, 32), diagnosis=STALL), ["check unit", "check offset"]),
         (Evidence(check_json(shown=5), (4, 32)), ["motion"]),
         (Evidence(check_json(LATE, shown=5), (0, 32), diagnosis=CUT), ["loss_of_thrust", "motion", "check offset"]),
+        (Evidence(check_json(shown=5), (4, 32), diagnosis=STALL), ["stall", "motion"]),
         (Evidence(check_json(NO_AIR, shown=5), (0, 32)), ["check missing"]),
         (Evidence(check_json(NO_AIR, shown=5), (0, 32), calm_air=True), ["calm air"]),
         (Evidence(check_json(WRONG_UNIT, NO_AIR), (0, 32)), ["check unit", "check missing"]),

@@ -63,10 +63,13 @@ class Evidence:
 
 def what_matters(evidence: Evidence) -> list[Said]:
     """Everything of importance, the most important first; never empty."""
-    of_all = (_contradictions, _failed, _motion, _sensors, _vanes)
     wrong = any(_contradictions(evidence))
     of_sound = () if wrong else (_missing, _mass, _balance) if _is_of_force(evidence) else (_mass, _missing, _balance)
-    return [said for find in (*of_all, *of_sound) for said in find(evidence)] or [_nothing(evidence)]
+    order = (_contradictions, _failed, _lacking, _little_motion, _sensors, _vanes, *of_sound)
+    if not wrong and _found(evidence) and not _inputs_alone(evidence.diagnosis or {}):
+        # what the library named this flight has shown: that some parameters are not known hides nothing
+        order = (_failed, _lacking, _sensors, _vanes, *of_sound, _little_motion)
+    return [said for find in order for said in find(evidence)] or [_nothing(evidence)]
 
 
 def _is_of_force(evidence: Evidence) -> bool:
@@ -96,7 +99,8 @@ def _inputs_alone(diagnosis: Mapping[str, Any]) -> bool:
     return diagnosis.get("replicas") == 0
 
 
-def _motion(evidence: Evidence) -> Iterator[Said]:
+def _lacking(evidence: Evidence) -> Iterator[Said]:
+    """That the log is too short, or lacks what everything rests on."""
     used, _ = evidence.used
     if evidence.check.get("duration", SHORTEST) < SHORTEST:
         why = f": {evidence.broken}" if evidence.broken else ""
@@ -116,8 +120,11 @@ def _motion(evidence: Evidence) -> Iterator[Said]:
         what, are = lacking[0].sentence, "is" if len(lacking[0].signals) == 1 else "are"
         why = f", since {named} {are} {what}" if what.startswith(ABSENT) else f". Of {named}: {what}"
         yield Said("check missing", f"No parameter can be used{why}.")
-        return
-    if _shows_little(evidence) and not _absent_vanes(evidence.check):
+
+
+def _little_motion(evidence: Evidence) -> Iterator[Said]:
+    """That the flight shows too little of the aeroplane, where its sensors are there."""
+    if _shows_little(evidence) and not any(_lacking(evidence)) and not _absent_vanes(evidence.check):
         yield Said(
             "motion", f"This flight has too little motion to say what the aeroplane is like: {_known(evidence)}. Fly "
             "what is listed under 'what to fly next'.",
@@ -126,7 +133,7 @@ def _motion(evidence: Evidence) -> Iterator[Said]:
 
 def _vanes(evidence: Evidence) -> Iterator[Said]:
     """That angles of flow were not measured, which is no fault of a sensor, and is said after these."""
-    if _shows_little(evidence) and not any(_motion(evidence)) and (vanes := _absent_vanes(evidence.check)):
+    if _shows_little(evidence) and not any(_lacking(evidence)) and (vanes := _absent_vanes(evidence.check)):
         yield Said(
             "vanes", f"Nothing measured {vanes}, and what speed, wind and attitude make of it is too little to say "
             f"what the aeroplane is like: {_known(evidence)}. Fly what is listed under 'what to fly next' in calm air, "

@@ -42,7 +42,9 @@ def named(failure: Failure, sure: Judged, constant: Judged) -> Failure | None:
 
     ``constant``: the best that another constant of the same axes explains.
     """
-    if not _is_of_its_axis(failure) or failure.size < THRESHOLDS.size or not _is_told(failure, sure.score - constant.score):
+    if failure.size < THRESHOLDS.size or not _is_told(failure, sure.score - constant.score):
+        return None
+    if not _is_of_its_axis(failure):
         return None
     return replace(failure, rivals=_rivals(failure, sure, constant))
 
