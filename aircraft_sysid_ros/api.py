@@ -221,7 +221,7 @@ class TwoRuns:
 
     @property
     def parameters(self) -> pandas.DataFrame:
-        """By name: both values, their difference with its standard error, and whether they differ beyond doubt."""
+        """By name: both values, their difference with its standard error, and whether that is more than chance."""
         return _frame([d.json for d in self.result.parameters], "name")
 
     @property

@@ -164,7 +164,7 @@ def flights_picture(run: Path, folder: Path) -> None:
         page.locator("[data-testid=beside-other]").click()
         page.click(".q-menu >> text=flight second")
         page.wait_for_selector("[data-testid=differences] td:has-text('±')")
-        page.wait_for_selector("[data-testid=beside-words]:has-text('beyond doubt')")
+        page.wait_for_selector("[data-testid=beside-words]:has-text('by more than chance')")
         page.locator("[data-testid=beside-one]").evaluate(
             "(e) => window.scrollTo(0, e.getBoundingClientRect().top - 170)"
         )

@@ -1,7 +1,7 @@
 """``compare``: how good the model of a run is on flight that it was not fitted to, and where it fails.
 
-With another run it says, too, which parameters differ beyond doubt and how well each model does on each flight; of two
-fleets, or of two airframes of one, what differs by more than their flights do.
+With another run it says, too, which parameters differ by more than chance and how well each model does on each
+flight; of two fleets, or of two airframes of one, what differs by more than their flights do.
 """
 
 from __future__ import annotations

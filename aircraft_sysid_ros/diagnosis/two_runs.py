@@ -1,11 +1,11 @@
-"""Two runs side by side: which parameters differ beyond doubt, and how well each model does on each flight.
+"""Two runs side by side: which parameters differ by more than chance, and how well each model does on each flight.
 
 Of a parameter that both models have, d = b - a has the variance of both estimates together, since two flights share no
 noise. The constant of a force takes up the bias of the accelerometer, which each flight has anew: its variance counts,
 too. All parameters are asked at once: by Holm's method (1979) the chance that any that is the same in both is said
 to differ is at most ``Thresholds.false_alarm``. Two versions of one flight share all of its noise: their differences
 are told, and no chance of them. That holds of models that describe their flights: of a parameter that is not to USE in
-one of the runs the difference is told with the reason, and not taken for one beyond doubt.
+one of the runs the difference is told with the reason, and not taken for a proof.
 """
 
 from __future__ import annotations
@@ -110,7 +110,7 @@ class SideBySide:
 
     @property
     def differing(self) -> tuple[Difference, ...]:
-        """Parameters that differ beyond doubt, the surest first."""
+        """Parameters that differ by more than chance, the surest first."""
         return tuple(sorted((d for d in self.parameters if d.differs), key=lambda d: d.p_value))
 
     @property
@@ -124,8 +124,8 @@ class SideBySide:
         if self.same_flight:
             return []
         sentences = [
-            f"{len(self.differing)} of {self.tried} parameters differ beyond doubt; of two flights with the same ones "
-            f"any is said to differ in at most {THRESHOLDS.false_alarm:.0%}"
+            f"{len(self.differing)} of {self.tried} parameters differ by more than chance; of two flights with the "
+            f"same ones any is said to differ in at most {THRESHOLDS.false_alarm:.0%}, where the models lack nothing"
         ]
         doubtful = sorted((d for d in self.parameters if d.is_doubtful), key=lambda d: d.p_value)
         if doubtful:

@@ -140,7 +140,7 @@ def test_two_flights_of_one_aeroplane_differ_in_nothing(runs):
 def test_a_load_is_what_differs_between_two_flights(runs, folder, capsys):
     """Coefficients of force are m_file / m times what they were; the model of the one does badly on the other.
 
-    Where the model of one is on HOLD its standard errors prove nothing, and nothing is said to differ beyond doubt.
+    Where the model of one is on HOLD its standard errors prove nothing: nothing is said to differ by more than chance.
     """
     found = ask("compare", runs["monday"], "--with", runs["loaded"])["with"]
     assert "CZ_alpha" in found["differing"] and not [n for n in found["differing"] if n in ("Cn_beta", "Cl_p")]
@@ -157,7 +157,7 @@ def test_a_load_is_what_differs_between_two_flights(runs, folder, capsys):
     (held / "parameters.json").write_text(json.dumps(content))
     assert main(["compare", str(runs["monday"]), str(held)]) == 0
     said = capsys.readouterr().out
-    assert "0 of 32 parameters differ beyond doubt" in said and "but b on HOLD" in said
+    assert "0 of 32 parameters differ by more than chance" in said and "but b on HOLD" in said
     assert f"{len(found['differing'] + found['doubtful'])} more differ by their standard errors" in said
     assert "so no difference is proven" in said and "in held is HOLD: the model explains 12 % of it" in said
 

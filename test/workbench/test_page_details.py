@@ -135,3 +135,15 @@ def test_on_a_phone_a_table_shows_what_decides_or_that_it_goes_on(server, open_p
         found = page.evaluate(TABLES)
         assert found and all(shadow and stays == "sticky" for shadow, stays in found), view
         assert max(page.evaluate(RIGHT, decides)) <= 390.0, view
+
+
+def test_on_a_phone_a_place_brings_the_plots_into_view_and_the_notice_is_at_the_foot(server, open_page) -> None:
+    """What is pressed stands thousands of pixels below what it changes, and nothing had seemed to happen."""
+    page = open_page(server, width=390, height=844)
+    page.locator(".place").first.click()
+    seen = "(s) => (r => r.top >= 0 && r.bottom <= innerHeight)(document.querySelector(s).getBoundingClientRect())"
+    page.wait_for_function(seen, arg=marked("window"))
+    page.evaluate("scrollTo(0, document.body.scrollHeight)")
+    page.evaluate("(s) => document.querySelector(s).classList.remove('hidden')", marked("notice"))
+    below = "(s) => innerHeight - document.querySelector(s).getBoundingClientRect().bottom"
+    assert abs(page.evaluate(below, marked("notice"))) < 2.0
