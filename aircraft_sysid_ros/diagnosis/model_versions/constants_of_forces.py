@@ -7,14 +7,13 @@ from collections.abc import Callable
 import numpy as np
 import numpy.typing as npt
 
+from aircraft_sysid_ros.aircraft.aerodynamic_model import FORCES
 from aircraft_sysid_ros.diagnosis.flight.flight_data import FlightData
 from aircraft_sysid_ros.diagnosis.model_versions.versions import Run
 from aircraft_sysid_ros.run_reader import UNREADABLE, read_state
 
 Array = npt.NDArray[np.float64]
 
-#: Axes in which an accelerometer measures.
-_FORCES = ("CX", "CY", "CZ")
 
 
 def with_bias(run: Run, flight: FlightData) -> Callable[[str, str, float], float]:
@@ -22,7 +21,7 @@ def with_bias(run: Run, flight: FlightData) -> Callable[[str, str, float], float
     qbar = flight.signal("qbar")
     known = qbar[np.isfinite(qbar)]
     per_bias = flight.aircraft.mass / (float(np.median(known)) * flight.aircraft.wing_area) if len(known) else 0.0
-    of_force = dict(zip(_FORCES, per_bias * _bias_std(run), strict=True))
+    of_force = dict(zip(FORCES, per_bias * _bias_std(run), strict=True))
 
     def whole(axis: str, name: str, std: float) -> float:
         return float(np.hypot(std, of_force[axis])) if axis in of_force and name == f"{axis}_0" else std
