@@ -15,7 +15,6 @@ from aircraft_sysid_ros.run_reader import UNREADABLE, read_state
 Array = npt.NDArray[np.float64]
 
 
-
 def with_bias(run: Run, flight: FlightData) -> Callable[[str, str, float], float]:
     """A function of axis, name of a parameter and its standard error by the fit, that gives the whole one."""
     qbar = flight.signal("qbar")
