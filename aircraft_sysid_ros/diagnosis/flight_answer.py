@@ -21,7 +21,6 @@ from aircraft_sysid_ros.diagnosis.failures.failures import by_forces, failures_o
 from aircraft_sysid_ros.diagnosis.failures.words import notes_of, report_json
 from aircraft_sysid_ros.diagnosis.flight_diagnosis import diagnose_flight
 from aircraft_sysid_ros.diagnosis.model_versions.versions import open_run
-from aircraft_sysid_ros.diagnosis.search.evaluator import has_late_surfaces
 from aircraft_sysid_ros.diagnosis.several_runs import join_runs
 from aircraft_sysid_ros.diagnosis.significance.parametric_bootstrap import COUNT
 from aircraft_sysid_ros.errors import InputError
@@ -95,7 +94,7 @@ def answer(
             raise
         return report_json(report, [*notes, f"the library was not searched: {error}"])
     said = [*notes, *found.flight.notes, *([] if report is None else notes_of(report))]
-    said += [LATE_SURFACES] if has_late_surfaces(found.flight.aircraft) else []
+    said += [LATE_SURFACES] if found.flight.has_late_surfaces else []
     return {**found.json, "notes": said}
 
 

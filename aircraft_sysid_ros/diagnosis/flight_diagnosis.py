@@ -34,14 +34,14 @@ from aircraft_sysid_ros.diagnosis.measurement import (
     sharpened,
     try_setting,
 )
-from aircraft_sysid_ros.diagnosis.search.evaluator import CandidateEvaluator, has_late_surfaces, new_terms
+from aircraft_sysid_ros.diagnosis.search.evaluator import CandidateEvaluator, new_terms
 from aircraft_sysid_ros.diagnosis.search.fit import held_out_error
 from aircraft_sysid_ros.diagnosis.significance.parametric_bootstrap import COUNT, Replica, replicas_of
 from aircraft_sysid_ros.diagnosis.significance.setting_replicas import chance_of
 from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS
 from aircraft_sysid_ros.diagnosis.trim.trim_finding import trim_finding
 from aircraft_sysid_ros.diagnosis.words import FlightDiagnosis, MeasurementFinding
-from aircraft_sysid_ros.effects import LIBRARY
+from aircraft_sysid_ros.effects import LIBRARY, OF_SERVOS
 from aircraft_sysid_ros.effects.effect import MEASUREMENT, Effect, with_setting
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.identification.coefficients.layout import CoefficientSample
@@ -50,7 +50,7 @@ from aircraft_sysid_ros.samples import Kind, Samples
 #: Times that an error of a sensor, as the coefficients show it, is corrected by what they show then.
 _CORRECTIONS = 2
 #: Effects that are not told from what the lag of a servo does beyond a delay.
-OF_LATE_SURFACES = frozenset({"rate_limit", "free_play", "alpha_dot"})
+OF_LATE_SURFACES = OF_SERVOS | {"alpha_dot"}
 #: Why a place is no fault.
 _OF_PLACE = "it is counted with: the aircraft file does not say where the sensor is"
 
@@ -79,9 +79,9 @@ def diagnose_flight(
         others += [effect.as_terms for effect in measuring if effect.as_terms is not None]
     given = aircraft
     aircraft, flight, calm, settings = _measurement_first(aircraft, flight, calm, measuring, replicas, progress)
-    if has_late_surfaces(aircraft):
-        others = [effect for effect in others if effect.identifier not in OF_LATE_SURFACES]
     data = settled_flight(flight)
+    if data.has_late_surfaces:
+        others = [effect for effect in others if effect.identifier not in OF_LATE_SURFACES]
     if not calm and ("imu_position", "y") in given.unsaid:  # in calm air the likelihood tells it
         placed = with_place_of_imu(aircraft, flight, measuring)
         if placed is not None and placed[-1].setting.label not in {each.setting.label for each in settings}:

@@ -11,6 +11,8 @@ from aircraft_sysid_ros.errors import InputError
 
 #: All effects; those of the measurement stand first, since they are tried before aerodynamics is blamed.
 LIBRARY: tuple[Effect, ...] = (*measurement.EFFECTS, *aerodynamic.EFFECTS, *change.EFFECTS)
+#: What a servo does that looks like a record of its surface that comes late.
+OF_SERVOS = frozenset({"rate_limit", "free_play"})
 BY_ID: dict[str, Effect] = {effect.identifier: effect for effect in LIBRARY}
 
 

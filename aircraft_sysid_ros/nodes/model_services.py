@@ -31,7 +31,7 @@ from aircraft_sysid_ros.identification.flight_memory import SampleMemory
 from aircraft_sysid_ros.identification.model_change import change_model, with_terms
 from aircraft_sysid_ros.nodes import common
 from aircraft_sysid_ros.option import option, options
-from aircraft_sysid_ros.reconstruction.state import D_ACCELEROMETER_BIAS, StateField
+from aircraft_sysid_ros.reconstruction.state import StateField
 from aircraft_sysid_ros.ros_messages.output_messages import BASE_FRD
 
 Array = npt.NDArray[np.float64]
@@ -39,10 +39,6 @@ Array = npt.NDArray[np.float64]
 _NO_REASON = "it explains less of the flight so far than its numbers cost, which gives no reason to keep it"
 #: Time [s] between looks whether a search has ended.
 _POLL = 0.2
-_BIAS_STD = slice(
-    StateField.STANDARD_DEVIATIONS.start + D_ACCELEROMETER_BIAS,
-    StateField.STANDARD_DEVIATIONS.start + D_ACCELEROMETER_BIAS + 3,
-)
 
 
 @options
@@ -115,7 +111,8 @@ class ModelServices:
     def keep(self, points: Array, row: Array | None = None) -> None:
         """Remember points, with the accuracy that the newest row (1, StateField.WIDTH) has."""
         if row is not None:
-            self._accuracy = (row[0, _BIAS_STD].copy(), float(row[0, StateField.AIR_VELOCITY_STD]))
+            bias_std, across = row[0, StateField.ACCELEROMETER_BIAS_STD], row[0, StateField.AIR_VELOCITY_STD]
+            self._accuracy = (bias_std.copy(), float(across))
         self.memory.add(points, *self._accuracy)
 
     def search_if_due(self, now: float, stamp: int) -> None:

@@ -49,6 +49,7 @@ class StateField:
     GYRO_BIAS = slice(17, 20)
     WIND = slice(20, 23)
     STANDARD_DEVIATIONS = slice(23, 41)  # velocity, position, attitude, the biases, wind
+    ACCELEROMETER_BIAS_STD = slice(32, 35)  # of these
     SPECIFIC_FORCE = slice(41, 44)
     ANGULAR_VELOCITY = slice(44, 47)
     AIRSPEED = 47

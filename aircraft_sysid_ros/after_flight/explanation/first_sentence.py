@@ -18,7 +18,7 @@ from aircraft_sysid_ros.after_flight.explanation.instruments import InstrumentEr
 from aircraft_sysid_ros.diagnosis.failures.words import CHANGE_OF_MOMENTS, DAMAGED, STUCK
 from aircraft_sysid_ros.diagnosis.search.candidates import TIMES_OF_CHANGE
 from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS
-from aircraft_sysid_ros.effects import BY_ID
+from aircraft_sysid_ros.effects import BY_ID, OF_SERVOS
 from aircraft_sysid_ros.effects.effect import MEASUREMENT
 from aircraft_sysid_ros.flight_check.check import SHORTEST
 from aircraft_sysid_ros.flight_check.finding import ABSENT, ERROR, KEEPS_TIME, WARNING, Finding, joined, short_names
@@ -31,8 +31,6 @@ LEAST_USED = 0.4
 LEAST_MASS, SURE_MASS = 0.08, 5.0
 #: Warnings of the check that say that a sensor is off. The sign of a surface is a convention, which any model learns.
 _OF_SENSORS = ("offset", "scale", "held", "saturated")
-#: What a servo does looks the same where the record of it comes late: not before that is mended.
-_OF_SERVOS = ("rate_limit", "free_play")
 #: What a surface that fails is called.
 _OF_SURFACES = (STUCK, DAMAGED, CHANGE_OF_MOMENTS)
 #: Static margin [% of the chord] below which an aeroplane is hardly stable, by two standard deviations.
@@ -216,7 +214,7 @@ def _missing(evidence: Evidence) -> Iterator[Said]:
         return
     late = {s for f in _findings(evidence.check, WARNING) if f.kind == "offset" for s in f.signals}
     for candidate in _found(evidence):
-        if candidate["kind"] == MEASUREMENT or (candidate["effect"] in _OF_SERVOS and late & set(SURFACES)):
+        if candidate["kind"] == MEASUREMENT or (candidate["effect"] in OF_SERVOS and late & set(SURFACES)):
             continue
         fall = _fall(candidate)
         others = [BY_ID[name].name for name in candidate["confounded_with"] if name in BY_ID]

@@ -81,6 +81,20 @@ class FlightData:
         """The model of the aircraft file."""
         return self.aircraft.model
 
+    @property
+    def per_acceleration(self) -> Array:
+        """What 1 m/s^2 along an axis of the body makes of the coefficient of its force (n,)."""
+        return np.asarray(self.aircraft.mass / (self.signal("qbar") * self.aircraft.wing_area))
+
+    @property
+    def has_late_surfaces(self) -> bool:
+        """Whether surfaces come later than they are recorded, which is as simple a picture of a servo as a delay is.
+
+        A servo follows with a lag, and what that does beyond a delay is as quick as what a servo at its greatest rate
+        does, and as the rate of a flow angle: of clean simulated flights with a lag of 0.05 s all three had been named.
+        """
+        return self.aircraft.sensors["control_surfaces"].delay < 0.0
+
     @cached_property
     def begin(self) -> float:
         """The signal ``time`` at time 0: times that people read count from the start of the recording."""

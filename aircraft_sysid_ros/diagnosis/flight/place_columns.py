@@ -10,11 +10,11 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from aircraft_sysid_ros.aircraft.aerodynamic_model import FORCES
 from aircraft_sysid_ros.diagnosis.flight.flight_data import FlightData
 
 Array = npt.NDArray[np.float64]
 
-FORCES = ("CX", "CY", "CZ")
 _LONGITUDINAL = ("CX", "CZ", "Cm")
 
 
@@ -40,8 +40,8 @@ def columns_of(data: FlightData) -> dict[str, Array]:
     rates = rates_of(data)
     turning, unit = turning_of(data), np.eye(3)
     felt = np.stack([np.cross(turning, e) + np.cross(rates, np.cross(rates, e)) for e in unit], axis=2)
-    scale = data.aircraft.mass / (data.signal("qbar") * data.aircraft.wing_area)
-    return {axis: data.within(felt[:, k] * scale[:, None]) for k, axis in enumerate(FORCES)}
+    scale = data.per_acceleration[:, None]
+    return {axis: data.within(felt[:, k] * scale) for k, axis in enumerate(FORCES)}
 
 
 def unsaid_columns(data: FlightData, axis: str) -> tuple[Array, list[str]]:

@@ -33,13 +33,7 @@ from aircraft_sysid_ros.reconstruction.absences import has_airspeed, options_aft
 from aircraft_sysid_ros.reconstruction.options import StateOptions
 from aircraft_sysid_ros.reconstruction.smoother_history import SmootherHistory
 from aircraft_sysid_ros.reconstruction.sparse_imu import LONG
-from aircraft_sysid_ros.reconstruction.state import (
-    D_ACCELEROMETER_BIAS,
-    D_GYRO_BIAS,
-    LearntNoise,
-    StateField,
-    learnt_noise,
-)
+from aircraft_sysid_ros.reconstruction.state import LearntNoise, StateField, learnt_noise
 from aircraft_sysid_ros.reconstruction.state_estimator import StateEstimator, nanoseconds, sensor_delays
 from aircraft_sysid_ros.samples import (
     SHORTEST,
@@ -67,9 +61,6 @@ WALK_STEP, LARGEST_WALK = 1.25, 8.0
 #: The same below that of the aircraft file, where a walk matters less, and the smallest.
 CALMER_STEP, SMALLEST_WALK = 0.5, 0.002
 AIR_DATA = {"airspeed": Kind.AIRSPEED, "angle_of_attack": Kind.ANGLE_OF_ATTACK, "sideslip": Kind.SIDESLIP}
-_BIAS_STD = slice(
-    StateField.STANDARD_DEVIATIONS.start + D_ACCELEROMETER_BIAS, StateField.STANDARD_DEVIATIONS.start + D_GYRO_BIAS
-)
 _AIR_SIGNALS = {"V": Kind.AIRSPEED, "alpha": Kind.ANGLE_OF_ATTACK, "beta": Kind.SIDESLIP}
 _MEASURED_NOISE = {
     Kind.IMU: ("accelerometer", "gyro"),
@@ -350,7 +341,7 @@ def settled_flight(made: Reconstruction) -> FlightData:
         measured=data.measured[keep],
         signals=data.signals[keep],
         air_velocity_std=float(np.nanmedian(made.rows[:, StateField.AIR_VELOCITY_STD])),
-        bias_std=np.nanmedian(made.rows[:, _BIAS_STD], axis=0),
+        bias_std=np.nanmedian(made.rows[:, StateField.ACCELEROMETER_BIAS_STD], axis=0),
         smoothed=True,
         manoeuvre=None if data.manoeuvre is None else data.manoeuvre[keep],
         flown=None if data.flown is None else data.flown[keep],

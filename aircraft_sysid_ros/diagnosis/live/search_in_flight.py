@@ -167,8 +167,7 @@ def bias_drift(flight: LiveFlight, axis: str) -> Array:
     steps = -np.diff(variance[last])
     before = data.time[:, None] <= data.time[last[:-1]][None, :]
     walk = np.column_stack([before * np.sqrt(np.maximum(steps, 0.0)), np.full(len(data.time), np.sqrt(variance[-1]))])
-    unit = data.aircraft.mass / (data.signal("qbar") * data.aircraft.wing_area)
-    return np.asarray(unit[:, None] * walk[:, np.append(steps > 0.0, True)])
+    return np.asarray(data.per_acceleration[:, None] * walk[:, np.append(steps > 0.0, True)])
 
 
 def wald(flight: LiveFlight, fit: AxisFit, columns: Array) -> tuple[float, int]:

@@ -16,7 +16,6 @@ import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, MOMENTS
-from aircraft_sysid_ros.aircraft.configuration import Aircraft
 from aircraft_sysid_ros.aircraft.expression import MAXIMUM_LENGTH
 from aircraft_sysid_ros.diagnosis.flight.flight_data import GUARD, FlightData
 from aircraft_sysid_ros.diagnosis.search.candidates import (
@@ -452,22 +451,14 @@ def tilt_terms(data: FlightData) -> list[str]:
     return [text for text in texts if text not in present]
 
 
-def has_late_surfaces(aircraft: Aircraft) -> bool:
-    """Whether surfaces come later than they are recorded, which is as simple a picture of a servo as a delay is.
-
-    A servo follows with a lag, and what that does beyond a delay is as quick as what a servo at its greatest rate does,
-    and as the rate of a flow angle: of clean simulated flights with a lag of 0.05 s all three had been named.
-    """
-    return aircraft.sensors["control_surfaces"].delay < 0.0
-
-
 #: Signals whose products the search outside the library tries, with the named inputs of the aircraft.
 _SIGNALS = ("alpha", "beta", "p", "q", "r", "de", "da", "dr", "flaps", "Tc", "V", "height", "alpha_dot", "beta_dot")
 _HINGED = ("alpha", "beta", "V", "height")
 #: Rates of the flow angles contain the measured forces, which answer to gusts before the reconstructed angles do, and
 #: the gradient of a gust along the aeroplane, which turns it as a rate does and which no replica has: in gusts they say
 #: something of every force and moment. In forces they say nothing in calm air either: the noise of the accelerometer is
-#: on both sides, and is all that there is where nothing moves the aeroplane sideways. And see ``has_late_surfaces``.
+#: on both sides, and is all that there is where nothing moves the aeroplane sideways. And see
+#: ``FlightData.has_late_surfaces``.
 _RATES = frozenset({"alpha_dot", "beta_dot"})
 
 
@@ -482,7 +473,7 @@ def expressions(data: FlightData) -> Iterator[Candidate]:
         if name in moving:
             levels = np.nanquantile(data.signal(name), (0.25, 0.5, 0.75))
             texts += [f"max({name}-({level:.4g}),0)" for level in levels]
-    unclear = data.aircraft.process_noise["wind"] > THRESHOLDS.calm or has_late_surfaces(data.aircraft)
+    unclear = data.aircraft.process_noise["wind"] > THRESHOLDS.calm or data.has_late_surfaces
     for axis in AXES:
         known = set(data.model.terms[axis]) | (set(tilt_terms(data)) if axis == "CX" else set())
         for program in data.parsed(texts):

@@ -213,8 +213,7 @@ def _of_bias(flight: FlightData, axis: str, fit: Fit) -> Array:
     walk = flight.aircraft.process_noise["accelerometer_bias"] * np.sqrt(2.0 * flown) / (np.pi * number)
     walked = walk * np.cos(np.pi * number * flight.time[:, None] / flown)
     stands = np.full((len(flight.time), 1), flight.bias_std[FORCES.index(axis)])
-    per_force = flight.aircraft.mass / (flight.signal("qbar") * flight.aircraft.wing_area)
-    force = flight.within(np.hstack([stands, walked]) * per_force[:, None])
+    force = flight.within(np.hstack([stands, walked]) * flight.per_acceleration[:, None])
     columns, used = flight.columns(flight.model.programs[AXES.index(axis)]), np.isfinite(fit.residual)
     return np.asarray(force - columns @ np.linalg.lstsq(columns[used], force[used], rcond=None)[0])
 
