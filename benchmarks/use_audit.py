@@ -4,11 +4,12 @@
 
 Each seed draws a maker (the project's simulator, JSBSim with four aeroplanes, strip theory, whose IMU filters), the
 rate of the IMU, the air, vanes that are good, poor (0.7° of noise, a lag, a scale) or absent, surfaces that are
-recorded as they move or, in half of the flights, up to 0.1 s before, an attitude or none, and in a quarter of the
-flights a sensor that fails. The aircraft file holds mass and shape, in three of four flights the places of the
-sensors too. The flight goes through the chain of replay and live with its default estimator, and each second all that
-is published is held against the truth: the aircraft file of the own simulator, and elsewhere least squares of the
-maker's own forces along the flight on the terms of the model.
+recorded as they move or, in half of the flights, up to 0.1 s before, from SERVOS on in half of the flights commands,
+which servos follow with a lag of 0.02 to 0.12 s, an attitude or none, and in a quarter of the flights a sensor that
+fails. The aircraft file holds mass and shape, in three of four flights the places of the sensors too. The flight goes
+through the chain of replay and live with its default estimator, and each second all that is published is held against
+the truth: the aircraft file of the own simulator, and elsewhere least squares of the maker's own forces along the
+flight on the terms of the model.
 
 A value is confidently wrong where it has USE, is off by more than a quarter and has a standard error below 5 % of
 itself; it misses where it is off by more than 3.5 standard errors. Lost are values without USE at the end of a flight
@@ -65,6 +66,8 @@ Array = npt.NDArray[np.float64]
 RESULTS = Path(__file__).parent / "results" / "use_audit.jsonl"
 #: First seed of those that judge.
 JUDGED = 5_200_000
+#: And of those in which servos have a lag.
+SERVOS = 5_210_000
 DURATION, STEP, MISSES, LATE = 120.0, 1.0, 3.5, 5.0
 MAKERS = ("own", "jsbsim", "strips")
 OWN = ("ultra_stick_25e", "ultra_stick_120")
@@ -89,7 +92,7 @@ def drawn(seed: int) -> dict[str, Any]:
     """Everything of a flight."""
     rng = np.random.default_rng([seed, 0xD17])
     maker = str(rng.choice(MAKERS, p=[0.4, 0.35, 0.25]))
-    return {
+    drawing = {
         "maker": maker,
         "aeroplane": str(rng.choice(OWN if maker == "own" else AEROPLANES)),
         "rate": float(rng.choice(RATES)),
@@ -105,14 +108,20 @@ def drawn(seed: int) -> dict[str, Any]:
         "fault": str(rng.choice(FAULTS)) if rng.random() < 0.25 else "",
         "begin": float(rng.uniform(40.0, 70.0)),
         "late": float(rng.choice([0.0, rng.uniform(0.0, 0.1)])) if maker != "strips" else 0.0,
+        "servo": 0.0,
     }
+    if seed >= SERVOS and maker != "strips" and rng.random() < 0.5:
+        drawing |= {"servo": float(rng.uniform(0.02, 0.12)), "late": float(rng.choice([0.0, rng.uniform(0.0, 0.04)]))}
+    return drawing
 
 
 def flown(seed: int, drawing: dict[str, Any]) -> tuple[Aircraft, Samples, dict[str, float]]:
     """What the user has, what was recorded, and the truth."""
     common: dict[str, Any] = {
         "wind": (*drawing["wind"], 0.0), "turbulence": drawing["air"], "manoeuvres": drawing["plan"],
-        "sensors": SensorOptions(attitude=drawing["attitude"], height_above_ground=True),
+        "sensors": SensorOptions(
+            attitude=drawing["attitude"], height_above_ground=True, command_lag=drawing["servo"]
+        ),
     }  # fmt: skip
     keys = (*SHAPE, *PLACES) if drawing["placed"] else SHAPE
     if drawing["maker"] == "own":
@@ -206,7 +215,8 @@ def fly(want: dict[str, Any]) -> dict[str, Any]:
     except (InputError, ValueError) as error:  # an aeroplane that does not stay in the air
         return {**want, **drawing, "not_flown": str(error)}
     found = {way: watched(aircraft, samples, truth, way == "with") for way in WAYS}
-    surfaces = "filtered IMU" if drawing["maker"] == "strips" else "late" if drawing["late"] else "as they move"
+    late = "commands of servos" if drawing["servo"] else "late" if drawing["late"] else "as they move"
+    surfaces = "filtered IMU" if drawing["maker"] == "strips" else late
     return {**want, **drawing, "surfaces": surfaces, **found}
 
 

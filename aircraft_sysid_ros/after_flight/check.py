@@ -97,9 +97,11 @@ def _unnamed(recording: Recording, aircraft: Aircraft | None) -> list[str]:
 
 def flight_of_recording(recording: Recording, aircraft: Aircraft | None) -> Flight:
     """The samples of a recording by signal, with what the aircraft file knows of the sensors."""
-    delays = {kind: aircraft.sensors[name].delay for kind, name in _SENSORS.items()} if aircraft else {}
+    delays: dict[Kind, float] = {}
     known: dict[str, Any] = {}
     if aircraft:
+        sensors = {kind: aircraft.sensors[name] for kind, name in _SENSORS.items()}
+        delays = {kind: sensor.delay - sensor.lag for kind, sensor in sensors.items()}  # a lag is late by as much
         noise = aircraft.sensors["control_surfaces"].noise[0]
         known = {"surface_signs": aircraft.surface_signs, "surface_noise": noise, "inputs": aircraft.inputs}
         known["arm"] = vane_arm(aircraft)

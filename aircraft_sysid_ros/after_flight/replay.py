@@ -87,8 +87,8 @@ def replay(
         position = aircraft.source["air_data_position"]
         result["notes"].insert(0, _taken_there(position, bool(options.learn_sensors)))
     if options.learn_sensors:
-        delay = pipeline.parameters.learning.undescribed.delay_of_surfaces
-        learnt = completed_file(pipeline.state, delay, pipeline.check.vane_place)
+        late = pipeline.parameters.learning.undescribed.late_surfaces
+        learnt = completed_file(pipeline.state, late, pipeline.check.vane_place)
         _write_aircraft(Path(options.learn_sensors), learnt, options.overwrite)
     return result
 

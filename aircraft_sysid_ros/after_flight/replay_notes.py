@@ -124,17 +124,29 @@ def estimator_notes(parameters: Identifier) -> list[str]:
     return [f"the parameters are those of {chosen['published']}, chosen by itself: {chosen['why']}"]
 
 
+#: So probable is one way of being late where the other is not named.
+_SURE_OF_WAY = 0.95
+
+
 def delay_notes(parameters: Identifier) -> list[str]:
     """By how much motion is recorded after the surfaces that make it, where the flight shows it."""
     sensors = parameters.learning.undescribed
-    delay, late = sensors.delay_of_surfaces, sensors.late_motion
-    if delay is None or late is None:
+    found, late = sensors.late_surfaces, sensors.late_motion
+    if not found or late is None:
         return []
-    what = "later than the recorded surfaces" if delay < 0.0 else "before the recorded surfaces"
+    size = f"{1e3 * abs(late.time):.0f} ± {1e3 * 2.0 * float(np.sqrt(late.variance)):.0f} ms"
+    if "lag" in found:
+        after = f"{-1e3 * found['delay']:.0f} ms later and " if "delay" in found else ""
+        what = f"surfaces follow what is recorded of them {after}with a lag of {size} (servos)"
+    elif late.time > 0.0:
+        what = f"motion comes {size} later than the recorded surfaces (servos, filters, stamps)"
+    else:
+        what = f"motion comes {size} before the recorded surfaces (filters, stamps)"
+    doubt = "" if late.probability > _SURE_OF_WAY else ", or as well in another way as late"
+    said = ", ".join(f"{key}: {value:.3f}" for key, value in found.items())
     return [
-        f"motion comes {1e3 * abs(late[0]):.0f} ± {1e3 * 2.0 * late[1]:.0f} ms {what} (servos, filters, stamps), and "
-        f"parameters are freed of it; `delay: {delay:.3f}` of control_surfaces under `sensors` of the aircraft file "
-        "says so from the start, and `--learn-sensors` writes it"
+        f"{what}{doubt}, and parameters are freed of it; `{said}` of control_surfaces under `sensors` of the aircraft "
+        "file says so from the start, and `--learn-sensors` writes it"
     ]
 
 

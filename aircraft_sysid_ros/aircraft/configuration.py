@@ -60,7 +60,8 @@ KEYS = {
         "per sensor `noise` (one sigma per sample), `rate` [Hz], `delay` [s], of `airspeed`, `angle_of_attack` and "
         "`sideslip` also `scale` (measured = scale × true) and `drift` (of airspeed what it shows more per second as a "
         "share, of an angle rad/s, from when the filter starts), of the angles also `offset` [rad] "
-        "(measured = scale × (true + offset + drift × time))",
+        "(measured = scale × (true + offset + drift × time)), of `control_surfaces` also `lag` [s], the time constant "
+        "with which servos follow what is recorded",
         default="small UAV",
     ),
     "process_noise": Key(

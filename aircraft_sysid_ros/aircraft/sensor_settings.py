@@ -24,6 +24,7 @@ class Sensor:
     scale: float = 1.0
     drift: float = 0.0  # [1/s] of the scale of an airspeed, [rad/s] of an angle, from when the filter starts
     offset: float = 0.0  # [rad] of an angle of flow
+    lag: float = 0.0  # [s] time constant with which servos follow what is recorded of the control surfaces
 
 
 #: A small UAV. Units of the noise: m/s^2, rad/s, rad, rad (of heading), m (N, E, D), m/s (N, E, D), m/s, rad,
@@ -50,10 +51,14 @@ SENSOR_GROUPS: dict[str, tuple[str, ...]] = {
     "air_data": ("airspeed", "angle_of_attack", "sideslip"),
 }
 SCALED_SENSORS = SENSOR_GROUPS["air_data"]
+#: What servos move, named inputs besides.
+CONTROLS = "control_surfaces"
 #: Drifts [1/s or rad/s] beyond this are no slow fault.
 FASTEST_DRIFT = 0.01
 #: A vane that is further [rad] from where it should be is not rigged.
 LARGEST_OFFSET = 0.35
+#: A servo that follows more slowly [s] flies no aeroplane.
+LONGEST_LAG = 0.5
 SENSOR_ALIASES = {
     "gyroscope": "gyro", "alpha": "angle_of_attack", "beta": "sideslip", "true_airspeed": "airspeed",
     "orientation": "attitude", "controls": "control_surfaces",
@@ -92,7 +97,7 @@ def sensors_of(data: Mapping[str, Any]) -> dict[str, Sensor]:
         value = {} if data[name] is None else data[name]
         if not isinstance(value, Mapping):
             reject(f"sensor {name}", "a mapping with noise, rate and delay", value)
-        check_keys(value, ("noise", "rate", "delay", "scale", "drift", "offset"), f"key of sensor {name}:")
+        check_keys(value, ("noise", "rate", "delay", "lag", "scale", "drift", "offset"), f"key of sensor {name}:")
         members = SENSOR_GROUPS.get(name, (SENSOR_ALIASES.get(name, name),))
         for i, member in enumerate(members):
             sensors[member] = _sensor(sensors[member], value, name, i, members)
@@ -112,9 +117,14 @@ def _sensor(base: Sensor, value: Mapping[str, Any], name: str, i: int, members: 
         if of_gps and len(noise) == 1:
             noise = noise * 3
     delay = base.delay if value.get("delay") is None else number_of(value["delay"], f"the delay of sensor {name}")
-    least = -0.5 if member == "control_surfaces" else 0.0  # recorded commands run ahead of the surfaces
+    least = -0.5 if member == CONTROLS else 0.0  # recorded commands run ahead of the surfaces
     if not least <= delay <= 2.0:
         raise InputError(f"the delay of sensor {name} must be between {least:g} and 2 s, not {delay:g}")
+    lag = base.lag if value.get("lag") is None else number_of(value["lag"], f"the lag of sensor {name}")
+    if lag and member != CONTROLS:
+        raise InputError(f"sensor {name} has no lag: only {CONTROLS} has one; a sensor that is late has a delay")
+    if not 0.0 <= lag <= LONGEST_LAG:
+        raise InputError(f"the lag of sensor {name} must be between 0 and {LONGEST_LAG:g} s, not {lag:g}")
     rate = base.rate if value.get("rate") is None else positive(value["rate"], f"the rate of sensor {name}")
     between(rate, f"the rate of sensor {name}", _RATES, "Hz")
     scale = _of_air_data(base.scale, value, "scale", name, member, (0.2, 5.0))
@@ -122,7 +132,7 @@ def _sensor(base: Sensor, value: Mapping[str, Any], name: str, i: int, members: 
     offset = _of_air_data(base.offset, value, "offset", name, member, (-LARGEST_OFFSET, LARGEST_OFFSET))
     if offset and member == "airspeed":
         raise InputError("sensors that may have an offset: angle_of_attack, sideslip, not airspeed")
-    return Sensor(noise, rate, delay, given, scale, drift, offset)
+    return Sensor(noise, rate, delay, given, scale, drift, offset, lag)
 
 
 def _of_air_data(

@@ -19,7 +19,7 @@ from aircraft_sysid_ros.aircraft.configuration import Aircraft
 from aircraft_sysid_ros.diagnosis.failures.failure import FailureReport
 from aircraft_sysid_ros.diagnosis.failures.failures import by_forces, failures_of, has_vanes
 from aircraft_sysid_ros.diagnosis.failures.words import notes_of, report_json
-from aircraft_sysid_ros.diagnosis.flight_diagnosis import diagnose_flight
+from aircraft_sysid_ros.diagnosis.flight_diagnosis import diagnose_flight, has_found_lag
 from aircraft_sysid_ros.diagnosis.model_versions.versions import open_run
 from aircraft_sysid_ros.diagnosis.several_runs import join_runs
 from aircraft_sysid_ros.diagnosis.significance.parametric_bootstrap import COUNT
@@ -34,9 +34,15 @@ from aircraft_sysid_ros.samples import Kind, Samples
 
 #: Said where surfaces come later than they are recorded.
 LATE_SURFACES = (
-    "surfaces follow what is recorded: a delay stands for the lag of a servo, so that derivatives of quick motion may "
-    "be too small, and a limit of its rate, free play and rates of the flow angles are not looked for beside it; "
-    "record deflections, or have lag(de, 0.05) in place of de in the model, with the time constant of the servo"
+    "surfaces come later than they are recorded: a delay fits that better than the lag of a servo does, but may stand "
+    "for more than a delay, so that a limit of its rate, free play and rates of the flow angles are not looked for "
+    "beside it; record deflections, or state `lag` of control_surfaces, the time constant of the servos, in the "
+    "aircraft file"
+)
+#: Said where the flight has shown the lag of the servos.
+FOUND_LAG = (
+    "servos follow what is recorded with a lag that was found in this flight: a limit of their rate and free play are "
+    "not looked for beside it; with `lag` of control_surfaces in the aircraft file they are"
 )
 
 
@@ -95,6 +101,7 @@ def answer(
         return report_json(report, [*notes, f"the library was not searched: {error}"])
     said = [*notes, *found.flight.notes, *([] if report is None else notes_of(report))]
     said += [LATE_SURFACES] if found.flight.has_late_surfaces else []
+    said += [FOUND_LAG] if has_found_lag(found.settings) else []
     return {**found.json, "notes": said}
 
 

@@ -14,6 +14,7 @@ from scipy.special import chdtrc, chdtri
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, MOMENTS
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
+from aircraft_sysid_ros.aircraft.sensor_settings import CONTROLS
 from aircraft_sysid_ros.diagnosis.cannot_show import out_of_reach
 from aircraft_sysid_ros.diagnosis.diagnose import Diagnosis, diagnose
 from aircraft_sysid_ros.diagnosis.finding import Finding
@@ -21,7 +22,6 @@ from aircraft_sysid_ros.diagnosis.flight.flight_data import FlightData, check_fl
 from aircraft_sysid_ros.diagnosis.flight.reconstruction import Reconstruction, reconstruct_as_flown, settled_flight
 from aircraft_sysid_ros.diagnosis.imu_place import setting_of_forces
 from aircraft_sysid_ros.diagnosis.measurement import (
-    CONTROLS,
     IMU_LAG,
     Setting,
     imu_explains,
@@ -80,8 +80,8 @@ def diagnose_flight(
     given = aircraft
     aircraft, flight, calm, settings = _measurement_first(aircraft, flight, calm, measuring, replicas, progress)
     data = settled_flight(flight)
-    if data.has_late_surfaces:
-        others = [effect for effect in others if effect.identifier not in OF_LATE_SURFACES]
+    not_beside = OF_LATE_SURFACES if data.has_late_surfaces else OF_SERVOS if has_found_lag(settings) else ()
+    others = [effect for effect in others if effect.identifier not in not_beside]
     if not calm and ("imu_position", "y") in given.unsaid:  # in calm air the likelihood tells it
         placed = with_place_of_imu(aircraft, flight, measuring)
         if placed is not None and placed[-1].setting.label not in {each.setting.label for each in settings}:
@@ -111,6 +111,11 @@ def diagnose_flight(
     zero = flight.epoch + int(1e9 * (flight.points[0, CoefficientSample.TIME] - data.begin))
     first = int(samples.stamp[samples.kind != Kind.SEAM].min())
     return FlightDiagnosis(data, tuple(settings), result, repeated, calm, tuple(unseen), zero, first)
+
+
+def has_found_lag(settings: Sequence[MeasurementFinding]) -> bool:
+    """Whether the lag of the servos is of this flight: what is left of it is as quick as their other faults are."""
+    return any(each.setting.variant.setting[1:] == (CONTROLS, "lag") for each in settings)
 
 
 def _searched(
@@ -160,7 +165,8 @@ def _measurement_first(
         if mended is None:
             break
         aircraft, flight, calm, finding = mended
-        settings = [*(_moved(each, finding.setting.beside) for each in settings), finding]
+        moved = [_moved(each, finding.setting.beside) for each in settings]
+        settings = [*(each for each in moved if each.setting.value != each.setting.nominal), finding]
         aircraft, flight, calm, settings = _sharpened(settings, aircraft, flight, calm)
     return aircraft, flight, calm, settings
 
@@ -241,7 +247,7 @@ def _accuses(finding: MeasurementFinding, given: Aircraft, samples: Samples) -> 
     air too: a scale or an offset makes derivatives wrong that fit as well, a delay is seen by what quick motion leaves.
     """
     setting = finding.setting
-    seen = setting.of_motion or setting.variant.setting[-1] != "delay" or _has_size(finding)
+    seen = setting.of_motion or not setting.is_late or _has_size(finding)
     return seen and is_a_fault(setting, given, samples)
 
 
@@ -363,8 +369,8 @@ def _has_size(finding: MeasurementFinding) -> bool:
 
 
 def _name(setting: Setting) -> str:
-    """What is tried once: a place has three numbers."""
-    return setting.label if setting.is_place else setting.effect.identifier
+    """What is tried once: a place has three numbers, and surfaces that are late have a delay and a lag."""
+    return setting.label if setting.is_place or CONTROLS in setting.variant.setting else setting.effect.identifier
 
 
 def _p_value(setting: Setting, tried: int) -> float:

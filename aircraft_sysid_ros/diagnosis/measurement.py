@@ -15,6 +15,7 @@ The delay of the recorded controls does not touch the first step; it is judged b
 the moments. It is one against the IMU: where an IMU that is late explains as much, and neither attitude nor GPS speaks
 against that, the surfaces are not said to be late. And a surface that an autopilot moves by the gyros is a rate, and
 shifted, either way, its derivative, which is the moment itself: what a delay gains beyond one the other way counts.
+Surfaces that follow with the lag of a servo are rivals of those that follow as a whole: the better one is named.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import MOMENTS
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
-from aircraft_sysid_ros.aircraft.sensor_settings import SENSOR_ALIASES, SENSOR_GROUPS
+from aircraft_sysid_ros.aircraft.sensor_settings import CONTROLS, SENSOR_ALIASES, SENSOR_GROUPS
 from aircraft_sysid_ros.diagnosis.flight.reconstruction import (
     AIR_DATA,
     OF_FILTER,
@@ -62,7 +63,12 @@ _CALMER, _CALMEST = 0.5, 0.004
 _OF_MOTION = {"imu": Kind.IMU, "gps": Kind.GPS_VELOCITY}
 #: Errors of the air data that feign a wind.
 _OF_WIND = ("scale", "offset", "drift")
-CONTROLS = "control_surfaces"
+#: What makes a sensor, or what servos move, late.
+_LATE = ("delay", "lag")
+#: By how much surfaces come later than they are recorded.
+_CONTROL_DELAY = ("sensors", CONTROLS, "delay")
+#: The delay that stands for a lag, over it: until half of a step is done. How far [s] from there it is looked for.
+_DELAY_OF_LAG, _NEAR = float(np.log(2.0)), 0.05
 #: Its rival, and the shares of a delay of the controls that the IMU is tried to be late by.
 IMU_LAG, _IMU_DELAY, _SHARES = "imu_lag", ("sensors", "imu", "delay"), (0.4, 0.6, 0.8, 1.0)
 #: A probe ahead is early where a late one is not: of the two one alone stands for both, so that the place is looked for
@@ -98,6 +104,11 @@ class Setting:
     def feigns_wind(self) -> bool:
         """It feigns a wind that walks: the air must be calm once it is taken off."""
         return feigns_wind(self.variant.setting)
+
+    @property
+    def is_late(self) -> bool:
+        """It is by how much something is late."""
+        return self.variant.setting[-1] in _LATE
 
     @property
     def is_place(self) -> bool:
@@ -159,7 +170,7 @@ def is_a_fault(setting: Setting, file: Aircraft, samples: Samples) -> bool:
     key, size = setting.variant.setting, abs(setting.value - setting.nominal)
     if setting.is_place:
         return key not in file.unsaid
-    if key[-1] == "delay":
+    if key[-1] in _LATE:
         kinds = {**_OF_MOTION, CONTROLS: Kind.CONTROLS, **AIR_DATA}
         interval = interval_of(samples, kinds.get(key[1], Kind.AIRSPEED))
         return size >= max(THRESHOLDS.least_delay, THRESHOLDS.least_delay_share * interval)
@@ -196,7 +207,7 @@ def jobs_of(flight: Reconstruction, library: Sequence[Effect], calm: bool) -> It
                 continue
             kind = {**AIR_DATA, **_OF_MOTION}.get(variant.setting[1])
             if kind is None or int(kind) in kinds:
-                yield flight, samples, effect, variant, effect.inner[0], sensors, controls, calm
+                yield flight, samples, effect, variant, effect.setting_number(variant), sensors, controls, calm
 
 
 def stretch_of(flight: Reconstruction) -> Samples:
@@ -210,17 +221,17 @@ def stretch_of(flight: Reconstruction) -> Samples:
 
 def try_setting(job: Job) -> Setting:
     """The best value of one setting, in a process of its own."""
-    flight, samples, effect, variant, inner, sensors, controls, calm = job
+    if CONTROLS in job[3].setting:
+        return _try_controls(job)
+    flight, samples, effect, variant, inner, sensors, _, calm = job
     start = nominal(flight.aircraft, variant.setting)
-    of_controls = CONTROLS in variant.setting
     air = sum(int(np.sum(samples.kind == kind)) for kind in AIR_DATA.values())
     of_imu = variant.setting[1] in _OF_MOTION  # gusts do not touch it: others of them tell it, without the air data too
     feigns = feigns_wind(variant.setting)
     total = calm or of_imu or feigns
     lag, lags = nominal(flight.aircraft, AIR_DATA_LAG), dict[float, float]()
     beside_lag = variant.setting == _AHEAD and lag >= THRESHOLDS.gust_lag
-    of_sensors = THRESHOLDS.setting_total if total else max(THRESHOLDS.setting_total, THRESHOLDS.setting_gain * air)
-    needed = THRESHOLDS.control_gain if of_controls else of_sensors
+    needed = THRESHOLDS.setting_total if total else max(THRESHOLDS.setting_total, THRESHOLDS.setting_gain * air)
 
     def gain(value: float, walk: float | None = None) -> float:
         if value == start and walk is None:
@@ -231,8 +242,6 @@ def try_setting(job: Job) -> Setting:
                 changed = with_setting(changed, ("process_noise", "wind"), walk)
         except InputError:
             return -np.inf
-        if of_controls:
-            return control_gain(controls, control_errors(flight, changed))
         if beside_lag:
 
             def later(delay: float) -> float:
@@ -250,14 +259,13 @@ def try_setting(job: Job) -> Setting:
         found = maximum(gain, start, inner.low, inner.high, 0.5 * needed)
     value, best, curvature, walk = _in_its_wind(gain, walk, found, start, inner, needed) if feigns else (*found, walk)
     std = float(1.0 / np.sqrt(curvature)) if curvature > 0.0 else np.nan
-    best -= max(gain(2.0 * start - value), 0.0) if of_controls and best > needed else 0.0
-    if variant.setting[-1] == "delay" and not (of_controls or of_imu):
+    if variant.setting[-1] == "delay" and not of_imu:
         needed *= THRESHOLDS.gust_lag / max(abs(value - start), 1e-3)
     beside = ((AIR_DATA_LAG, float(f"{lags[value]:.4g}")),) if value in lags else ()
     found_so = Setting(effect, variant, start, float(f"{value:.4g}"), best, 0.0, std, beside=beside)
     if feigns and (is_small(variant.setting, value, flight) or not (calm or walk <= THRESHOLDS.calm)):
         best = 0.0
-    elif best > needed and not of_controls and variant.setting[-1] != "drift":  # which begins anew with each half
+    elif best > needed and variant.setting[-1] != "drift":  # which begins anew with each half
         without = with_setting(flight.aircraft, ("process_noise", "wind"), walk)
         best = best if _in_both_halves(in_file(found_so, without), without, samples, sensors.noise) else 0.0
     return replace(found_so, gain=best, evidence=best / needed)
@@ -270,7 +278,7 @@ def sharpened(setting: Setting, flight: Reconstruction) -> Setting:
     """
     key, inner, now = (
         setting.variant.setting,
-        setting.effect.inner[0],
+        setting.effect.setting_number(setting.variant),
         nominal(flight.aircraft, setting.variant.setting),
     )
     if CONTROLS in key or setting.of_coefficients:
@@ -385,6 +393,46 @@ def _parabola(x: Sequence[float], y: Sequence[float]) -> tuple[float, float, flo
     if not a < 0.0:
         return np.nan, np.nan, 0.0
     return float(x[1] - 0.5 * b / a), float(c - 0.25 * b * b / a), float(-2.0 * a)
+
+
+def _with_delay(aircraft: Aircraft, delay: float) -> Aircraft:
+    return with_setting(aircraft, _CONTROL_DELAY, delay)
+
+
+def _try_controls(job: Job) -> Setting:
+    """The best delay of the recorded controls, or lag of the servos: that beside the delay that is there already, which
+    it takes over from.
+    """
+    flight, _, effect, variant, inner, _, controls, _ = job
+    aircraft, needed = flight.aircraft, THRESHOLDS.control_gain
+    start, as_late = nominal(aircraft, variant.setting), nominal(aircraft, _CONTROL_DELAY)
+    beside: tuple[tuple[tuple[str, ...], float], ...] = ()
+
+    def gain(value: float, delay: float = as_late) -> float:
+        try:
+            changed = with_setting(_with_delay(aircraft, delay), variant.setting, value)
+        except InputError:
+            return -np.inf
+        return 0.0 if (value, delay) == (start, as_late) else control_gain(controls, control_errors(flight, changed))
+
+    if variant.setting[-1] == "lag" and as_late < 0.0:
+        delays = dict[float, float]()
+
+        def taking_over(value: float) -> float:
+            usual = float(np.clip(as_late + _DELAY_OF_LAG * (value - start), as_late, 0.0))
+            low, high = max(usual - _NEAR, effect.inner[0].low), min(usual + _NEAR, 0.0)
+            delays[value], gained, _ = maximum(lambda delay: gain(value, delay), usual, low, high, 0.2 * needed)
+            return gained
+
+        value, best, curvature = maximum(taking_over, start, inner.low, inner.high, 0.5 * needed)
+        beside = ((_CONTROL_DELAY, float(f"{delays[value]:.4g}")),)
+    else:
+        value, best, curvature = maximum(gain, start, inner.low, inner.high, 0.5 * needed)
+    std = float(1.0 / np.sqrt(curvature)) if curvature > 0.0 else np.nan
+    if best > needed:  # as much the other way
+        moved = value - start if variant.setting[-1] == "lag" else start - value
+        best -= max(control_gain(controls, control_errors(flight, _with_delay(aircraft, as_late + moved))), 0.0)
+    return Setting(effect, variant, start, float(f"{value:.4g}"), best, best / needed, std, beside=beside)
 
 
 def control_errors(flight: Reconstruction, aircraft: Aircraft) -> Errors:

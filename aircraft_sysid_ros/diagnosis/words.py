@@ -132,7 +132,7 @@ class FlightDiagnosis:
             "error_after": after,
             "confounded_with": list(finding.confounded_with),
             "where": f"{setting.label}: {_of_sensors(setting)}",
-            "inner": {setting.effect.inner[0].name: setting.value},
+            "inner": {setting.effect.setting_number(setting.variant).name: setting.value},
             "parameters": [],
             "found": finding.matters,
             "refused": "" if finding.matters else finding.why_no_fault,
@@ -384,7 +384,7 @@ def _about(effect: Effect | None, label: str) -> dict[str, Any]:
 
 def _of_sensors(setting: Setting) -> str:
     """What fits the sensors better than the number of the file."""
-    inner = setting.effect.inner[0]
+    inner = setting.effect.setting_number(setting.variant)
     if inner.name == "offset":
         value, nominal = np.degrees((setting.value, setting.nominal))
         return f"{value:.2g} deg too much fit the sensors better than {nominal:.2g}"

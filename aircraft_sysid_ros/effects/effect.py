@@ -88,6 +88,8 @@ class Variant:
     #: Key of the aircraft file, such as ("sensors", "sideslip", "scale"), that the inner number changes.
     setting: tuple[str, ...] = ()
     ties: Mapping[str, tuple[Tie, ...]] = field(default_factory=dict)
+    #: Its inner numbers, where they are not those of the effect.
+    inner: tuple[ShapeParameter, ...] = ()
 
     @property
     def numbers(self) -> int:
@@ -156,6 +158,10 @@ class Effect:
     #: Of an effect in the measurement, what it makes of coefficients that are told by what the sensor shows; the one
     #: number of its terms is the value of the setting.
     in_coefficients: Variant | None = None
+
+    def setting_number(self, variant: Variant) -> ShapeParameter:
+        """The number that a setting of an effect in the measurement is."""
+        return (variant.inner or self.inner)[0]
 
     @property
     def as_terms(self) -> Effect | None:

@@ -214,10 +214,18 @@ EFFECTS: tuple[Effect, ...] = (
         "Surfaces later than recorded",
         MEASUREMENT,
         "What is recorded is often the command and not the surface, which follows through servo and linkage some "
-        "hundredths of a second later. Control moments then come late, and rates seem to act early.",
+        "hundredths of a second later: as a whole, or the more slowly the nearer it comes. Control moments then come "
+        "late, and rates seem to act early.",
         "R. Jategaonkar, Flight Vehicle System Identification; V. Klein and E. Morelli, Aircraft System Identification",
-        "δ(t) = δ_recorded(t - τ)",
-        (Variant(setting=("sensors", "control_surfaces", "delay")),),
+        "δ(t) = δ_recorded(t - τ), or τ δ' + δ = δ_recorded",
+        (
+            Variant(setting=("sensors", "control_surfaces", "delay")),
+            Variant(
+                "lag of the servos",
+                setting=("sensors", "control_surfaces", "lag"),
+                inner=(ShapeParameter("lag", "s", 0.0, 0.25, 11),),
+            ),
+        ),
         "Errors of C_m, C_l and C_n that are the rate of change of the surface.",
         "Doublets and 3-2-1-1 with sharp edges.",
         (ShapeParameter("delay", "s", -0.25, 0.0, 11),),

@@ -1,26 +1,28 @@
 """How late the motion is recorded after the surfaces that make it, estimated in flight where no file says so.
 
-Servos follow what is recorded of them, IMUs filter, loggers stamp when they write. With the surfaces as they were tau
-before, each moment coefficient is
+Servos follow what is recorded of them, IMUs filter, loggers stamp when they write. With delta_tau the surfaces as they
+were, so much later than they are recorded or with so long a lag of their servos (``moved_surfaces``), and X_tau the
+terms with those, each moment coefficient is
 
-    C = X theta - tau (dC/d(delta)) delta' + gusts,
+    C = X_tau theta + gusts.
 
-delta' the rate of each surface. Least squares of this would take the noise and the gusts in X for something that tau
-explains: X goes together with them. What follows the recorded surfaces does not, so that theta and tau are those for
-which the rest does not go together with the surfaces, their rates and their lags (two-stage least squares, as in
-``undescribed_sensors``). Whether that is so is asked where there are more of these than unknowns (Sargan, The
-estimation of economic relationships using instrumental variables, Econometrica 26, 1958), and whether the three moments
-agree with each other and with what delays are; where not, tau is known the less.
+Least squares of this would take the noise and the gusts in X for something that tau explains: X goes together with
+them. What follows the recorded surfaces does not, so that theta and tau are those for which the rest does not go
+together with the surfaces, their rates and their lags (two-stage least squares, as in ``undescribed_sensors``), for the
+three moments together. Whether that is so is asked where there are more of these than unknowns (Sargan, The estimation
+of economic relationships using instrumental variables, Econometrica 26, 1958), and whether the three moments agree with
+each other and with what delays are; where not, tau is known the less. What is left says how probable each tau is, of a
+delay and of a lag, which may be more than one: what is known is their mean and variance over all.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from aircraft_sysid_ros.aircraft.signals import SIGNAL_INDEX
 from aircraft_sysid_ros.identification.coefficients.layout import (
     LEARNT,
     MEASURED,
@@ -28,17 +30,27 @@ from aircraft_sysid_ros.identification.coefficients.layout import (
     TERMS_OF_SAMPLE,
 )
 from aircraft_sysid_ros.identification.coefficients.pace import LOWEST_RATE
+from aircraft_sysid_ros.identification.moved_surfaces import (
+    COUNT,
+    COURSES,
+    DELAY,
+    FIRST,
+    FORMS,
+    LAGGED,
+    NEAR,
+    PAUSE,
+    Course,
+)
 from aircraft_sysid_ros.kernels import njit
 
 Array = npt.NDArray[np.float64]
 Columns = npt.NDArray[np.int64]
 
-SURFACES = ("de", "da", "dr")
 #: One sigma [s] of what is not known before: servos need 0.05 s, filters and loggers as much.
-LAG = 0.04
-#: What is slower than this [s] is not asked; time constants [s] of what follows the surfaces; memory [s]; a pause [s]
-#: that begins anew; time [s] between looks.
-_BAND, _FOLLOW, _MEMORY, _PAUSE, _LOOK_STEP = 3.0, (0.1, 0.3, 1.0), 120.0, 0.3, 1.0
+USUAL = 0.04
+#: What is slower than this [s] is not asked; time constants [s] of what follows the surfaces; memory [s]; time [s]
+#: between looks, and more of it later: a share of what has passed since the first.
+_BAND, _FOLLOW, _MEMORY, _LOOK_STEP, _LOOK_SHARE = 3.0, (0.3, 1.0), 120.0, 1.0, 0.05
 #: Samples that gusts make as one: they last 0.4 s, and samples come every 0.04 s.
 _ALIKE = 20.0
 #: From so many standard errors and seconds on a delay is there; 5 ms are a turn of some degrees at the quickest mode.
@@ -51,135 +63,288 @@ _LEAST = 125.0
 _FIRST_MOMENT, _MOMENTS = 3, (3, 4, 5)
 #: Surfaces that move each of them, as numbers in SURFACES.
 _MOVE = ((1, 2), (0,), (1, 2))
-_FIRST = SIGNAL_INDEX[SURFACES[0]]
-_COUNT = len(SURFACES)
-#: After the terms: what was measured, rates of the surfaces, the surfaces, and what follows them.
-_MADE = 1 + _COUNT * (2 + len(_FOLLOW))
+#: After the terms: what was measured, rates of the surfaces, their forms, and what follows them.
+_RATES, _FORMS, _FOLLOWS = 1, 1 + COUNT, 1 + COUNT * (1 + FORMS)
+_MADE = _FOLLOWS + COUNT * len(_FOLLOW)
 #: A correlation matrix that may be singular gets this.
 _NEARLY = 1e-7
-#: The rates need the derivatives, which need tau: so often in turn.
-_TURNS = 5
-#: Or until tau changes by less than this [s].
-_SAME = 1e-5
+#: Times [s] of a delay and of a lag that are asked, and by how much finer around the best.
+_DELAYS, _LAGS, _FINE = np.arange(-0.08, 0.201, 0.01), np.arange(0.0, 0.251, 0.01), np.arange(-0.0095, 0.01, 0.001)
+
+
+class Late(NamedTuple):
+    """One way of being late, how probable it is, by how much [s], and the variance of that."""
+
+    course: Course
+    probability: float
+    time: float
+    variance: float
+
+    @property
+    def whole(self) -> float:
+        """By how much [s] in all, with the dead time."""
+        return self.course.dead_time + self.time
+
+
+UNKNOWN = (Late(DELAY, 1.0, 0.0, USUAL**2),)
 
 
 class LateMotion:
-    """Follows samples of the coefficients, and says how late motion is recorded: ``late`` [s] and its ``variance``."""
+    """Follows samples of the coefficients, and says how late motion is recorded: ``ways``."""
 
     def adopt(self, offsets: Columns, derivatives: Sequence[Columns]) -> None:
         """Another model, with the places (3,) of the derivatives by SURFACES in each axis, -1: none."""
         self._offsets, self._derivatives = offsets, derivatives
         size = int(np.diff(offsets).max()) + _MADE
         self._moments, self._counts = np.zeros((len(_MOMENTS), size, size)), np.zeros(len(_MOMENTS))
-        self.late, self.variance = 0.0, LAG**2
+        self.ways: tuple[Late, ...] = UNKNOWN
         self.restart_clock()
 
     def restart_clock(self) -> None:
         """The clock began anew, or another manoeuvre."""
         self._filter = np.zeros((len(_MOMENTS), 3, self._moments.shape[1]))
         self._begun = np.full(len(_MOMENTS), np.nan)
-        self._follows = np.full(_COUNT * len(_FOLLOW), np.nan)
-        self._due = -np.inf
+        self._follows = np.full(COUNT * len(_FOLLOW), np.nan)
+        self._first = self._due = -np.inf
 
-    def add(self, samples: Array) -> None:
-        """Samples one after the other; of the first and the last there are no rates, they come again."""
-        _sum(samples, self._offsets, self._follows, self._filter, self._begun, self._counts, self._moments)
+    def add(self, samples: Array, forms: Array) -> None:
+        """Samples one after the other, with the forms (n, COUNT, FORMS) of their surfaces; of the first and the last
+        there are no rates, they come again.
+        """
+        _sum(samples, forms, self._offsets, self._follows, self._filter, self._begun, self._counts, self._moments)
 
     def is_due(self, time: float) -> bool:
         """Whether it is time [s] to look; then the next look is a step later."""
         if time < self._due:
             return False
-        self._due = time + _LOOK_STEP
+        self._first = time if self._first == -np.inf else self._first
+        self._due = time + max(_LOOK_STEP, _LOOK_SHARE * (time - self._first))
         return True
 
     @property
+    def best(self) -> Late:
+        """The more probable way."""
+        return max(self.ways, key=lambda way: way.probability)
+
+    @property
+    def whole(self) -> tuple[float, float]:
+        """By how much [s] motion is late, in whatever way, and the variance of that."""
+        mean = sum(way.probability * way.whole for way in self.ways)
+        return mean, sum(way.probability * (way.variance + (way.whole - mean) ** 2) for way in self.ways)
+
+    @property
     def is_found(self) -> bool:
-        """Whether the flight shows a delay."""
-        return abs(self.late) > max(_SURE * float(np.sqrt(self.variance)), _WORTH)
+        """Whether the flight shows that motion is late, in whatever way."""
+        mean, variance = self.whole
+        return abs(mean) > max(_SURE * float(np.sqrt(variance)), _WORTH)
 
     def look(self, interval: float) -> None:
-        """Estimate ``late`` and ``variance`` from what was summed; states come ``interval`` [s] apart, 0: dense."""
-        found = [
-            _estimate(
-                self._moments[k], float(self._counts[k]), int(np.diff(self._offsets)[axis]), self._derivatives[axis], k
-            )
-            for k, axis in enumerate(_MOMENTS)
+        """Estimate ``ways`` from what was summed; states come ``interval`` [s] apart, 0: dense."""
+        asked = [
+            _asked(self._moments[k], self._counts[k], self._derivatives[axis], k) for k, axis in enumerate(_MOMENTS)
         ]
-        each = np.array([one for one in found if one is not None]).reshape(-1, 2)
-        value, information = each[:, 0], 1.0 / each[:, 1]
-        before = LAG**-2
-        mean = float(information @ value) / (before + float(np.sum(information)))
-        apart = (before * mean**2 + float(information @ (value - mean) ** 2)) / max(len(value), 1)
-        information = information / max(apart, 1.0)  # they do not agree, or with what delays are
-        self.variance = 1.0 / (before + float(np.sum(information)))
-        self.late = self.variance * float(information @ value)
-        self.variance += (_SAMPLED * (interval * LOWEST_RATE) ** 2) ** 2
+        known = [each for each in asked if each is not None]
+        if not known:
+            self.ways = UNKNOWN
+            return
+        coarse = [_profiles(known, course, _LAGS if course.is_lag else _DELAYS) for course in COURSES]
+        variances = np.min([profile.variances(known) for profile in coarse], axis=0)
+        best = [profile.times[int(np.argmin(profile.whole(variances)))] for profile in coarse]
+        near = [
+            time + _FINE[time + _FINE >= (0.0 if course.is_lag else _DELAYS[0])]
+            for course, time in zip(COURSES, best, strict=True)
+        ]
+        fine = [_profiles(known, course, times) for course, times in zip(COURSES, near, strict=True)]
+        each = [one.beside(other) for one, other in zip(coarse, fine, strict=True)]
+        alone = sum(np.min(np.hstack([profile.left for profile in each]), axis=1) / variances)
+        least = min(float(np.min(profile.whole(variances))) for profile in each)
+        apart = max((least - float(alone)) / len(known), 1.0)  # they do not agree, or with what delays are
+        weights = [profile.steps() * np.exp(-0.5 * (profile.whole(variances) - least) / apart) for profile in each]
+        whole = float(sum(np.sum(weight) for weight in weights))
+        sampled = (_SAMPLED * (interval * LOWEST_RATE) ** 2) ** 2
+        self.ways = tuple(
+            _way(course, profile.times, weight / whole, sampled)
+            for course, profile, weight in zip(COURSES, each, weights, strict=True)
+        )
 
 
-def _estimate(m: Array, count: float, n: int, derivatives: Columns, moment: int) -> tuple[float, float] | None:
-    """tau [s] and its variance from sums of products; None: this moment does not tell."""
+def _way(course: Course, times: Array, weights: Array, sampled: float) -> Late:
+    """Probability, mean and variance of times [s] of such weights."""
+    probability = float(np.sum(weights))
+    share = weights / max(probability, 1e-300)
+    mean = float(share @ times)
+    return Late(course, probability, mean, float(share @ (times - mean) ** 2) + sampled)
+
+
+class _Asked(NamedTuple):
+    """What a moment has to say: sums of products ``m``, the columns of its terms and which of them is the derivative by
+    which surface, -1: none; its instruments, their scale and the weights of their products.
+    """
+
+    m: Array
+    samples: float
+    terms: Columns
+    surfaces: Columns
+    instruments: Columns
+    scale: Array
+    weights: Array
+
+    @property
+    def spare(self) -> int:
+        """Instruments more than unknowns, but for the one that all moments share."""
+        return len(self.instruments) - len(self.terms)
+
+    @property
+    def free(self) -> float:
+        """Samples that chance makes, of those that gusts make as one, without those that the unknowns take."""
+        return self.samples / _ALIKE - len(self.terms) - 1
+
+
+class _Profile(NamedTuple):
+    """At times (t,) [s] of a course, of each moment (m, t): what goes together with the instruments, and the whole rest
+    of the sum of squares.
+    """
+
+    times: Array
+    left: Array
+    rest: Array
+
+    def variances(self, known: Sequence[_Asked]) -> Array:
+        """Of what goes together with the instruments (m,), by the rest and by itself, the larger."""
+        free = np.array([asked.free for asked in known])[:, None]
+        spare = np.array([asked.spare for asked in known])[:, None]
+        return np.asarray(np.min(np.maximum(np.maximum(self.rest, 0.0) / free, self.left / spare), axis=1))
+
+    def whole(self, variances: Array) -> Array:
+        """Chi square (t,) of all moments, with what is known before."""
+        return np.asarray(self.times**2 / USUAL**2 + (1.0 / variances) @ self.left)
+
+    def beside(self, other: _Profile) -> _Profile:
+        """Both, in order of time."""
+        times = np.concatenate([self.times, other.times])
+        order = np.argsort(times, kind="stable")
+        left, rest = np.hstack([self.left, other.left]), np.hstack([self.rest, other.rest])
+        return _Profile(times[order], left[:, order], rest[:, order])
+
+    def steps(self) -> Array:
+        """How much (t,) [s] each time stands for."""
+        return np.gradient(self.times)
+
+
+def _asked(m: Array, count: float, derivatives: Columns, moment: int) -> _Asked | None:
+    """None: this moment does not tell."""
     first = len(m) - _MADE
     moving = np.diag(m) > 0.0
-    terms = np.flatnonzero(moving[:n])
-    of_surfaces = [(int(np.searchsorted(terms, j)), k) for k, j in enumerate(derivatives) if j >= 0 and moving[j]]
-    made = first + 1 + _COUNT
-    instruments = [
-        column
-        for k in _MOVE[moment]
-        for column in (first + 1 + k, made + k, *(made + _COUNT + k * len(_FOLLOW) + i for i in range(len(_FOLLOW))))
-        if moving[column]
-    ]
-    if count < _LEAST or not of_surfaces or not moving[first] or len(instruments) <= len(terms):
+    terms = np.flatnonzero(moving[:first])
+    surfaces = np.full(len(terms), -1)
+    for k, place in enumerate(derivatives):
+        if place >= 0 and moving[place]:
+            surfaces[np.searchsorted(terms, place)] = k
+    instruments = np.array(
+        [
+            first + column
+            for k in _MOVE[moment]
+            for column in (
+                _RATES + k,
+                *(_FORMS + k * FORMS + form for form in (0, *LAGGED)),
+                *(_FOLLOWS + k * len(_FOLLOW) + i for i in range(len(_FOLLOW))),
+            )
+            if moving[first + column]
+        ],
+        dtype=np.int64,
+    )
+    too_few = count < max(_LEAST, _ALIKE * (len(terms) + 3)) or len(instruments) <= len(terms)
+    if too_few or not (surfaces >= 0).any() or not moving[first]:
         return None
-    scale = np.sqrt(np.diag(m))
-    z = m[np.ix_(instruments, instruments)] / np.outer(scale[instruments], scale[instruments])
+    scale = np.sqrt(np.diag(m)[instruments])
+    z = m[np.ix_(instruments, instruments)] / np.outer(scale, scale)
     weights = np.linalg.inv(z + _NEARLY * np.eye(len(z)))
-    used = [*terms, *(first + 1 + k for _, k in of_surfaces)]
-    with_x, with_y = m[np.ix_(instruments, used)], m[instruments, first]
-    with_x, with_y = with_x / scale[instruments][:, None], with_y / scale[instruments]
-    theta, late = np.linalg.lstsq(m[np.ix_(terms, terms)], m[terms, first], rcond=None)[0], 0.0
-    for _ in range(_TURNS):
-        turn = np.zeros((len(used), len(terms) + 1))  # of theta and tau to the columns that are used
-        turn[: len(terms), : len(terms)] = np.eye(len(terms))
-        turn[len(terms) :, -1] = [-theta[j] for j, _ in of_surfaces]
-        by = with_x @ turn
-        information = by.T @ weights @ by
-        size = np.sqrt(np.diag(information))
-        if not np.all(size > 0.0):
-            return None
-        normal = information / np.outer(size, size) + _NEARLY * np.eye(len(size))
-        solution = np.linalg.solve(normal, by.T @ weights @ with_y / size) / size
-        theta, late, before = solution[:-1], float(solution[-1]), late
-        if abs(late - before) < _SAME:
-            break
-    whole = turn @ solution
-    rest = float(m[first, first] - 2.0 * whole @ m[used, first] + whole @ m[np.ix_(used, used)] @ whole)
-    left, spare = with_y - with_x @ whole, len(instruments) - len(terms) - 1
-    variance = max(rest, 0.0) / count * _ALIKE
-    if not variance > 0.0 or not np.isfinite(late):
-        return None
-    explained = float(left @ weights @ left) / (variance * spare) if spare > 0 else 1.0
-    of_late = float(np.linalg.inv(normal)[-1, -1]) / float(size[-1]) ** 2
-    return late, variance * max(explained, 1.0) * of_late
+    return _Asked(m, float(count), terms, surfaces, instruments, scale, weights)
+
+
+def _profiles(known: Sequence[_Asked], course: Course, times: Array) -> _Profile:
+    near = course.between(times)
+    found = [
+        _two_stage(a.m, a.terms, a.surfaces, a.instruments, a.scale, a.weights, near.forms, near.shares) for a in known
+    ]
+    return _Profile(times, np.array([left for left, _ in found]), np.array([rest for _, rest in found]))
 
 
 @njit(cache=True)
-def _put_surfaces(samples: Array, i: int, first: int, step: float, follows: Array, series: Array) -> None:
-    """Rates of the surfaces, the surfaces and what follows them, into a series."""
-    for k in range(_COUNT):
-        at = SIGNALS_OF_SAMPLE + _FIRST + k
+def _put_terms(
+    terms: Columns, surfaces: Columns, forms: Columns, shares: Array, columns: Columns, parts: Array
+) -> None:  # fmt: skip
+    """Columns and parts (n, NEAR) of terms; those of surfaces are made of forms (NEAR,) of the first surface."""
+    for j in range(len(terms)):
+        columns[j], parts[j], parts[j, 0] = terms[j], 0.0, 1.0
+        if surfaces[j] >= 0:
+            columns[j], parts[j] = surfaces[j] * FORMS + forms, shares
+
+
+@njit(cache=True)
+def _mixed(row: Array, columns: Columns, parts: Array) -> float:
+    """Parts (NEAR,) of columns of a row."""
+    total = 0.0
+    for k in range(NEAR):
+        total += parts[k] * row[columns[k]]
+    return total
+
+
+@njit(cache=True)
+def _two_stage(
+    m: Array, terms: Columns, surfaces: Columns, instruments: Columns, scale: Array, weights: Array,
+    forms: Columns, shares: Array,
+) -> tuple[Array, Array]:  # fmt: skip
+    """What goes together with the instruments (t,), and the rest of the sum of squares, of surfaces made of forms
+    (t, NEAR).
+    """
+    first, n, count = len(m) - _MADE, len(terms), len(instruments)
+    left, rest = np.empty(len(forms)), np.empty(len(forms))
+    x, y = np.empty((count, n)), np.empty(count)
+    squares, with_y, size = np.empty((n, n)), np.empty(n), np.empty(n)
+    columns, parts = np.empty((n, NEAR), np.int64), np.zeros((n, NEAR))
+    for t in range(len(forms)):
+        _put_terms(terms, surfaces, first + _FORMS + forms[t], shares[t], columns, parts)
+        for i in range(count):
+            y[i] = m[instruments[i], first] / scale[i]
+            for j in range(n):
+                x[i, j] = _mixed(m[instruments[i]], columns[j], parts[j]) / scale[i]
+        for j in range(n):
+            with_y[j] = _mixed(m[first], columns[j], parts[j])
+            for i in range(n):
+                squares[j, i] = 0.0
+                for k in range(NEAR):
+                    squares[j, i] += parts[j, k] * _mixed(m[columns[j, k]], columns[i], parts[i])
+        weighted = weights @ x
+        information = x.T @ weighted
+        for j in range(n):
+            size[j] = np.sqrt(max(information[j, j], 1e-300))
+        normal = information / np.outer(size, size) + _NEARLY * np.eye(n)
+        theta = np.linalg.solve(normal, weighted.T @ y / size) / size
+        away = y - x @ theta
+        left[t] = away @ weights @ away
+        rest[t] = m[first, first] - 2.0 * theta @ with_y + theta @ squares @ theta
+    return left, rest
+
+
+@njit(cache=True)
+def _put_surfaces(samples: Array, forms: Array, i: int, first: int, step: float, follows: Array, series: Array) -> None:
+    """Rates of the surfaces, their forms, and what follows them, into a series."""
+    for k in range(COUNT):
+        at = SIGNALS_OF_SAMPLE + FIRST + k
         rate = (samples[i + 1, at] - samples[i - 1, at]) / (samples[i + 1, 0] - samples[i - 1, 0])
         now = samples[i, at]
         is_there = np.isfinite(now + rate)
-        series[first + 1 + k] = rate if is_there else 0.0
-        series[first + 1 + _COUNT + k] = now if is_there else 0.0
+        series[first + _RATES + k] = rate if is_there else 0.0
+        for j in range(FORMS):
+            series[first + _FORMS + k * FORMS + j] = forms[i, k, j] if is_there else 0.0
         for j in range(len(_FOLLOW)):
             place = k * len(_FOLLOW) + j
             if is_there and np.isfinite(follows[place]):
                 follows[place] += step / (step + _FOLLOW[j]) * (now - follows[place])
             else:
                 follows[place] = now if is_there else np.nan
-            series[first + 1 + 2 * _COUNT + place] = follows[place] if is_there else 0.0
+            series[first + _FOLLOWS + place] = follows[place] if is_there else 0.0
 
 
 @njit(cache=True)
@@ -195,19 +360,20 @@ def _high_pass(series: Array, step: float, filters: Array) -> None:
 
 @njit(cache=True)
 def _sum(
-    samples: Array, offsets: Columns, follows: Array, filters: Array, begun: Array, counts: Array, moments: Array
-) -> None:
+    samples: Array, forms: Array, offsets: Columns, follows: Array, filters: Array, begun: Array, counts: Array,
+    moments: Array,
+) -> None:  # fmt: skip
     """Sums of products, without what is slow, of each moment's terms and what is _MADE."""
     size = moments.shape[1]
     first = size - _MADE
     series = np.zeros(size)
     for i in range(1, len(samples) - 1):
         time, step = samples[i, 0], samples[i, 0] - samples[i - 1, 0]
-        if not 0.0 < samples[i + 1, 0] - samples[i - 1, 0] < _PAUSE:
+        if not 0.0 < samples[i + 1, 0] - samples[i - 1, 0] < PAUSE:
             begun[:] = np.nan
             follows[:] = np.nan
             continue
-        _put_surfaces(samples, i, first, step, follows, series)
+        _put_surfaces(samples, forms, i, first, step, follows, series)
         for m in range(len(moments)):
             axis = m + _FIRST_MOMENT
             begin, n = offsets[axis], offsets[axis + 1] - offsets[axis]
@@ -227,5 +393,6 @@ def _sum(
             keep, twice = np.exp(-step / _MEMORY), filters[m, 2]
             counts[m] = keep * counts[m] + 1.0
             for j in range(size):
-                for k in range(size):
+                for k in range(j + 1):
                     moments[m, j, k] = keep * moments[m, j, k] + twice[j] * twice[k]
+                    moments[m, k, j] = moments[m, j, k]

@@ -210,10 +210,13 @@ class Learning:
             self.known.add(self.estimator.step(batch))
         elif self.choice is not None:
             self.choice.step(batch)
+        theta = self.least_squares.state.theta.copy() if self.undescribed.are_late else None
         self.least_squares.step(batch)
         self.undescribed.add(batch)
         samples = batch.samples
         if len(samples):
+            if theta is not None:
+                self.undescribed.predict(samples, self.aircraft.model, theta)
             by_least_squares = samples[:, CoefficientSample.PREDICTED].copy()
             if self.lends:
                 self.known.predict(samples, self.aircraft.model, self.estimator)
@@ -229,7 +232,7 @@ class Learning:
         """
         state = self.least_squares.state
         if self._options.relearn:
-            self._reset_axes(self.changes.evaluate(self.aircraft.model, state, start), time)
+            self._reset_axes(self.changes.evaluate(self.aircraft.model, state, start, self.undescribed.lateness), time)
             self.changes.remember(state)
         self.undescribed.look(time, self._pace.interval)
         if self.fleet.is_due(time):
@@ -270,6 +273,8 @@ class Learning:
     def _reset_axes(self, resets: list[AxisReset], time: float) -> None:
         for reset in resets:
             self.least_squares.reset_axis(reset)
+            if not reset.is_beside:
+                self.undescribed.learn_anew(reset.axis)
             if reset.is_again or reset.is_beside:
                 continue
             self.integrity.note_change(reset.axis, time)

@@ -21,10 +21,13 @@ without a residual that shows it: late sideslip looks like a term in the yaw rat
 alpha, as that of C_X does: it is a straight line, and delta a stands beside alpha delta a. What is published is freed
 of that, and its standard errors are widened by what is left.
 
-*Lateness of the motion.* With delta a = -tau delta' of each surface (``late_motion``) the same holds of dC/d(delta). It
-is not small: roll may die out in as long as servos need. Solved for theta, with G of dC/d(delta) and the sums,
+*Lateness of the motion.* A regression on surfaces as they are recorded makes of those as they were, delta_tau
+(``late_motion``), what goes together with its terms, and that is not small: roll may die out in as long as servos need.
+With x_tau the terms with delta_tau, the same sums give true parameters back, x the instruments:
 
-    theta = (1 - tau G)^-1 theta of the regression.
+    theta = (sum x x_tau')^-1 (sum x x') theta of the regression.
+
+A delay and the lag of a servo count as they are probable; that they differ is in the covariance.
 
 *Places.* An IMU at a distance e from where it is taken to be feels w' x e besides, w' the angular acceleration, which
 goes into the three forces as delta a does above. Vanes see delta a = (w x e)/V across the flow.
@@ -50,6 +53,7 @@ from aircraft_sysid_ros.identification.coefficients.flow_angles import angle_at
 from aircraft_sysid_ros.identification.coefficients.layout import (
     FLYING,
     LEARNT,
+    PREDICTED,
     SIGNAL,
     SIGNALS_OF_SAMPLE,
     TERMS_OF_SAMPLE,
@@ -58,7 +62,14 @@ from aircraft_sysid_ros.identification.coefficients.layout import (
     CoefficientBatch,
 )
 from aircraft_sysid_ros.identification.coefficients.signals import flow_angle_rates
-from aircraft_sysid_ros.identification.late_motion import SURFACES, LateMotion
+from aircraft_sysid_ros.identification.late_motion import Late, LateMotion
+from aircraft_sysid_ros.identification.moved_surfaces import (
+    COUNT,
+    FORMS,
+    MovedSurfaces,
+    derivatives_of,
+    look_ahead,
+)
 from aircraft_sysid_ros.kernels import njit
 from aircraft_sysid_ros.reconstruction.state import StateField
 
@@ -78,12 +89,16 @@ UNSEEN, LOOKED, _SIDEWAYS = 0.4, 30.0, ("air_data_position", "y")
 _BAND, _FOLLOW, _GUST, _MEMORY, _STEP, _PAUSE = 3.0, (0.3, 1.0), 0.4, 120.0, 0.04, 0.3
 #: Least time [s] that is summed.
 _LEAST = 5.0
-#: What may be wrong: each angle and its derivative, the force coefficients that a turning of 1 m beside makes, the
-#: rates of the surfaces, what 1 m ahead and to the right make of alpha, 1 m ahead and below of beta, and what is wrong
-#: of alpha, its derivative, and 1 m ahead and to the right, times alpha.
-_TURNING, _RATES, _OF_VANES, _BY_ALPHA, DOUBTFUL = 4, 7, 10, 14, 18
+#: What may be wrong: each angle and its derivative, the force coefficients that a turning of 1 m beside makes, what 1 m
+#: ahead and to the right make of alpha, 1 m ahead and below of beta, what is wrong of alpha, its derivative, and 1 m
+#: ahead and to the right, times alpha; and the forms of each surface.
+_TURNING, _OF_VANES, _BY_ALPHA, _FORMS = 4, 7, 11, 15
 #: Coordinates of those, by angle.
 _ACROSS = ([0, 1], [0, 2])
+#: One sigma [s] of when a command moves between its samples.
+_SAMPLED = 0.005
+#: What those of before an axis was learnt anew count; nothing would leave the first seconds without any.
+_ANEW = 0.02
 #: So much of a derivative is taken away at most.
 _MOST = 0.75
 _OF_STATE = (StateField.ANGLE_OF_ATTACK, StateField.SIDESLIP)
@@ -114,9 +129,8 @@ class SensorDoubt(NamedTuple):
     covariance: Array  # (2, 2, 2)
     place: Array  # (3,) [m] one sigma of the place of the IMU
     vane_place: Array  # (3,) [m] the same of the vanes
-    late: float  # [s] motion after the surfaces
-    late_variance: float
-    regressions: Array  # (6, DOUBTFUL, n): of each axis, of what may be wrong on its terms
+    late: tuple[Late, ...]  # motion after the surfaces
+    regressions: Array  # (6, k, n): of each axis, of what may be wrong on its terms
 
     def of(self, model: AerodynamicModel, axis: int, theta: Array, slopes: Sequence[float], bend: float) -> OfSensors:
         """For an axis with the parameters ``theta``; ``slopes`` dC/d(alpha) at alpha = 0 and dC/d(beta), and by how
@@ -127,7 +141,7 @@ class SensorDoubt(NamedTuple):
         all_rows = self.regressions[axis, :, :n]
         if not np.isfinite(all_rows).all():
             return OfSensors(shift, left, found)
-        bends = bend * all_rows[_BY_ALPHA:DOUBTFUL]
+        bends = bend * all_rows[_BY_ALPHA:_FORMS]
         for angle, slope in enumerate(slopes):
             rows = slope * all_rows[2 * angle : 2 * angle + 2] + (bends[:2] if angle == 0 else 0.0)
             rows = rows * np.array([[1.0], [-1.0]])
@@ -140,36 +154,54 @@ class SensorDoubt(NamedTuple):
             left += (beside.T * self.vane_place[_ACROSS[angle]] ** 2) @ beside
         if axis < 3:  # of e, the two axes across the force, each by the angular acceleration about the other
             about = [k for k in range(3) if k != axis]
-            turning = all_rows[_TURNING:_RATES][about]
+            turning = all_rows[_TURNING:_OF_VANES][about]
             left += (turning.T * self.place[about[::-1]] ** 2) @ turning
-        self._late(all_rows[_RATES:_OF_VANES], derivatives_of(model, axis), theta, shift, left, found)
+        if self.late and np.isfinite(theta).all():
+            self._late(all_rows[_FORMS:], derivatives_of(model, axis), theta, shift, left, found)
         return OfSensors(shift, left, found)
+
+    def freeing(self, model: AerodynamicModel, axis: int) -> Array:
+        """What frees the parameters of an axis (n,) of late surfaces in the more probable way, (n, n)."""
+        n = len(model.terms[AXES[axis]])
+        forms = self.regressions[axis, _FORMS:, :n]
+        if not np.isfinite(forms).all():
+            return np.eye(n)
+        likelier = max(self.late, key=_probability)
+        return _freeing(forms.reshape(COUNT, FORMS, n), derivatives_of(model, axis), likelier)[0]
 
     def _late(
         self, rows: Array, derivatives: npt.NDArray[np.int64], theta: Array, shift: Array, left: Array, found: Array
     ) -> None:  # fmt: skip
-        """Add what late motion does to ``theta``."""
-        if not self.late_variance > 0.0 or not np.isfinite(theta).all():
-            return
-        turn = np.zeros((len(theta), len(theta)))
-        for row, column in zip(rows, derivatives, strict=True):
-            if column >= 0:
-                turn[:, column] += row
-        largest = float(np.max(np.abs(np.linalg.eigvals(turn)), initial=0.0))
-        late = float(np.clip(self.late, -_MOST / max(largest, 1e-9), _MOST / max(largest, 1e-9)))
-        whole = np.linalg.inv(np.eye(len(theta)) - late * turn)
-        freed = whole @ theta
-        by_late = whole @ (turn @ freed)
-        shift += freed - theta
-        found += np.outer(freed - theta, freed - theta)
-        left += (self.late_variance + (self.late - late) ** 2) * np.outer(by_late, by_late)
+        """Add what late motion does to ``theta``; of each surface rows (FORMS,) on the terms."""
+        mean, square = np.zeros(len(theta)), np.zeros_like(left)
+        for way in self.late:
+            whole, change = _freeing(rows.reshape(COUNT, FORMS, -1), derivatives, way)
+            freed = whole @ theta
+            by_late = whole @ (change @ freed)
+            mean += way.probability * freed
+            square += way.probability * (np.outer(freed, freed) + way.variance * np.outer(by_late, by_late))
+        shift += mean - theta
+        found += np.outer(mean - theta, mean - theta)
+        left += square - np.outer(mean, mean)
 
 
-def derivatives_of(model: AerodynamicModel, axis: int) -> npt.NDArray[np.int64]:
-    """Places (3,) of the derivatives by SURFACES among the terms of an axis, -1: none."""
-    names, name = model.parameter_names[model.axis_slice(AXES[axis])], AXES[axis]
-    listed = [f"{name}_{surface}" for surface in SURFACES]
-    return np.array([names.index(one) if one in names else -1 for one in listed])
+def _probability(way: Late) -> float:
+    return way.probability
+
+
+def _freeing(forms: Array, derivatives: npt.NDArray[np.int64], way: Late) -> tuple[Array, Array]:
+    """What frees parameters of one way of being late, and what being late by a second more makes of those (n, n); what
+    is more than _MOST of a combination of them is not believed.
+    """
+    n = forms.shape[-1]
+    turn, change = np.zeros((n, n)), np.zeros((n, n))
+    near = way.course.between(way.time)
+    for form, column in zip(forms, derivatives, strict=True):
+        if column >= 0:
+            turn[:, column] = form[0] - near.shares @ form[near.forms]
+            change[:, column] = -near.slopes @ form[near.forms]
+    largest = float(np.max(np.abs(np.linalg.eigvals(turn)), initial=0.0))
+    return np.asarray(np.linalg.inv(np.eye(n) - turn * min(1.0, _MOST / max(largest, 1e-9)))), change
 
 
 class UndescribedSensors:
@@ -182,6 +214,7 @@ class UndescribedSensors:
         self._place = doubt_of_imu(aircraft)
         self._vane_place = doubt_of_vanes(aircraft)
         self._motion = None if _OF_MOTION & described else LateMotion()
+        self._surfaces = MovedSurfaces()
         self._any = bool(self._asked.any() or aircraft.unsaid or self._motion)
         self._out_on_wing = aircraft.span * UNSEEN if np.isnan(aircraft.unsaid.get(_SIDEWAYS, 0.0)) else 0.0
         self.adopt(aircraft.model)
@@ -192,8 +225,9 @@ class UndescribedSensors:
     def adopt(self, model: AerodynamicModel) -> None:
         """Another model: what its terms do is seen anew."""
         n = int(np.diff(model.offsets).max())
-        self._offsets = model.offsets
-        self._squares, self._products = np.zeros((len(AXES), n, n)), np.zeros((len(AXES), DOUBTFUL, n))
+        self._model, self._offsets = model, model.offsets
+        self._freeing: list[Array] = []  # by axis, what frees parameters of late surfaces, where they are
+        self._squares, self._products = np.zeros((len(AXES), n, n)), np.zeros((len(AXES), self._doubtful, n))
         if self._motion is not None:
             self._motion.adopt(model.offsets, [derivatives_of(model, axis) for axis in range(len(AXES))])
 
@@ -203,9 +237,16 @@ class UndescribedSensors:
         self._began = self._newest = np.nan  # [s] first and newest sample in flight by this clock
         self._filter = np.full((len(ANGLES), 4, _SERIES), np.nan)
         self._last = np.array([np.nan, -np.inf, np.nan])
-        self._samples: Array | None = None
+        self._samples: Array | None = None  # the newest two, and their forms
+        self._forms = np.zeros((0, COUNT, FORMS))
+        self._surfaces.restart_clock()
         if self._motion is not None:
             self._motion.restart_clock()
+
+    @property
+    def _doubtful(self) -> int:
+        """How many things may be wrong."""
+        return _FORMS + (0 if self._motion is None else COUNT * FORMS)
 
     @property
     def _by_this_clock(self) -> float:
@@ -221,25 +262,75 @@ class UndescribedSensors:
             self._newest = float(batch.samples[-1, 0])
             self._began = float(batch.samples[0, 0]) if np.isnan(self._began) else self._began
             samples = batch.samples if self._samples is None else np.vstack([self._samples, batch.samples])
-            _regress(samples, self._offsets, batch.body, self._squares, self._products)
+            self._new_forms = np.zeros((len(batch.samples), COUNT, 0))
             if self._motion is not None:
-                self._motion.add(samples)
-            self._samples = samples[-2:].copy()
+                self._new_forms = self._surfaces.follow(batch.samples)
+            forms = self._new_forms
+            if self._samples is not None:
+                forms = np.concatenate([self._forms, self._new_forms])
+            if self._motion is not None:
+                look_ahead(samples, forms)
+                self._motion.add(samples, forms)
+            _regress(samples, forms, self._offsets, batch.body, self._squares, self._products)
+            self._samples, self._forms = samples[-2:].copy(), forms[-2:].copy()
+
+    @property
+    def are_late(self) -> bool:
+        """Whether surfaces come later than they are recorded, so that what a regression predicts from them is wrong."""
+        return bool(self._freeing)
+
+    @property
+    def lateness(self) -> float:
+        """One sigma [s] of what is not known, or not yet counted with, of how late surfaces are; 0: it is described."""
+        if self._motion is None:
+            return 0.0
+        mean, variance = self._motion.whole
+        return float(np.sqrt(variance + (0.0 if self.are_late else mean**2) + _SAMPLED**2))
+
+    def predict(self, samples: Array, model: AerodynamicModel, theta: Array) -> None:
+        """Predict the newest samples (n, …) anew, with surfaces where they are and what regressions (6, m) know, freed
+        of late surfaces: as the flight has shown them before.
+        """
+        if self._motion is None:
+            return
+        near = self._motion.best.course.between(self._motion.best.time)
+        moved = self._new_forms[:, :, near.forms] @ near.shares - self._new_forms[:, :, 0]
+        for axis, whole in enumerate(self._freeing):
+            part = model.axis_slice(AXES[axis])
+            freed = whole @ theta[axis, : part.stop - part.start]
+            predicted = samples[:, TERMS_OF_SAMPLE + part.start : TERMS_OF_SAMPLE + part.stop] @ freed
+            for of_surface, column in zip(moved.T, derivatives_of(model, axis), strict=True):
+                if column >= 0:
+                    predicted += freed[column] * of_surface
+            known = np.isfinite(samples[:, PREDICTED + axis])
+            samples[known, PREDICTED + axis] = predicted[known]
+
+    def learn_anew(self, axis: int) -> None:
+        """An axis is learnt anew, from samples that are still to come more than from those that came."""
+        self._squares[axis] *= _ANEW
+        self._products[axis] *= _ANEW
 
     def look(self, time: float, interval: float) -> None:
         """Estimate anew how late the motion is, where it is time [s]; ``interval`` [s] of states, 0: dense."""
-        if self._motion is not None and self._motion.is_due(time):
-            self._motion.look(interval)
+        if self._motion is None or not self._motion.is_due(time):
+            return
+        self._motion.look(interval)
+        doubt = self.doubt() if self._motion.is_found else None
+        self._freeing = [] if doubt is None else [doubt.freeing(self._model, axis) for axis in range(len(AXES))]
 
     @property
-    def late_motion(self) -> tuple[float, float] | None:
-        """Seconds by which motion is recorded late, and one sigma; None: described."""
-        return None if self._motion is None else (self._motion.late, float(np.sqrt(self._motion.variance)))
+    def late_motion(self) -> Late | None:
+        """By how much motion is recorded late, in the more probable way; None: described."""
+        return None if self._motion is None else self._motion.best
 
     @property
-    def delay_of_surfaces(self) -> float | None:
-        """What the aircraft file would have to say [s] that nothing is late; None where the flight shows no delay."""
-        return -self._motion.late if self._motion is not None and self._motion.is_found else None
+    def late_surfaces(self) -> dict[str, float]:
+        """What the aircraft file would have to say of control_surfaces that nothing is late, delay or lag [s] or both;
+        nothing where the flight shows neither.
+        """
+        if self._motion is None or not self._motion.is_found:
+            return {}
+        return self._motion.best.course.in_file(self._motion.best.time)
 
     def errors(self) -> tuple[Array, Array]:
         """Mean (2, 2) of (scale - 1, lag [s]) of each angle, and covariance (2, 2, 2); none of what is described."""
@@ -265,11 +356,11 @@ class UndescribedSensors:
                 correlation = self._squares[axis, :n, :n] / np.outer(by, by) + _NEARLY * np.eye(n)
                 right = (self._products[axis, :, :n] / by).T
                 found[axis, :, :n] = np.linalg.solve(correlation, right).T / by
-        late, variance = (0.0, 0.0) if self._motion is None else (self._motion.late, self._motion.variance)
+        late = () if self._motion is None else self._motion.ways
         vane_place = self._vane_place.copy()
         if self._flown + self._by_this_clock <= LOOKED:
             vane_place[1] = max(vane_place[1], self._out_on_wing)
-        return SensorDoubt(mean, covariance, self._place, vane_place, late, variance, found)
+        return SensorDoubt(mean, covariance, self._place, vane_place, late, found)
 
 
 def _estimate(moments: Array, count: float, instruments: npt.NDArray[np.int64]) -> tuple[Array, Array]:
@@ -357,7 +448,9 @@ def _follow(
 
 
 @njit(cache=True)
-def _regress(samples: Array, offsets: npt.NDArray[np.int64], body: Body, squares: Array, products: Array) -> None:
+def _regress(
+    samples: Array, forms: Array, offsets: npt.NDArray[np.int64], body: Body, squares: Array, products: Array
+) -> None:  # fmt: skip
     """Sums x x' and x (a, a', …) of what each axis learnt from; of the first and the last sample no derivative."""
     wrong, area, span, chord = np.zeros(products.shape[1]), body.geometry[0], body.geometry[1], body.geometry[2]
     for i in range(1, len(samples) - 1):
@@ -370,9 +463,7 @@ def _regress(samples: Array, offsets: npt.NDArray[np.int64], body: Body, squares
             slope = (after[angle] - before[angle]) / step
             good = np.isfinite(slope + now[angle])
             wrong[2 * angle], wrong[2 * angle + 1] = (now[angle], slope) if good else (0.0, 0.0)
-        for k in range(_COUNT_OF_CONTROLS):
-            rate = (after[_FIRST_CONTROL + k] - before[_FIRST_CONTROL + k]) / step
-            wrong[_RATES + k] = rate if np.isfinite(rate) else 0.0
+        wrong[_FORMS:] = forms[i].ravel()
         for k in range(3):
             length = chord if k == 1 else 0.5 * span
             turning = (after[_P + k] - before[_P + k]) / step * now[_V] / length

@@ -151,12 +151,14 @@ def noise_notes(state: StateEstimator) -> list[str]:
 
 
 def completed_file(
-    state: StateEstimator, delay_of_surfaces: float | None = None, vane_place: tuple[float, float] | None = None
+    state: StateEstimator,
+    late_surfaces: Mapping[str, float] | None = None,
+    vane_place: tuple[float, float] | None = None,
 ) -> dict[str, Any]:
     """The content of the aircraft file with what the flight has shown, where the file says nothing.
 
-    ``delay_of_surfaces`` [s]: what the second step has found of them. ``vane_place`` [m]: how far to the right of the
-    centre of gravity the check in flight has found the vane, and one sigma.
+    ``late_surfaces``: delay or lag [s] that the second step has found of them. ``vane_place`` [m]: how far to the right
+    of the centre of gravity the check in flight has found the vane, and one sigma.
     """
     source = copy.deepcopy(state.aircraft.source)
     sensors = {name: dict(value or {}) for name, value in (source.get("sensors") or {}).items()}
@@ -165,8 +167,8 @@ def completed_file(
             is_gps = each.name in ("gps_position", "gps_velocity")
             noise = each.in_use if is_gps else np.sqrt(np.mean(each.in_use**2, keepdims=True))
             sensors.setdefault(each.name, {})["noise"] = _rounded(noise) if is_gps else _rounded(noise)[0]
-    if delay_of_surfaces is not None:
-        sensors.setdefault("control_surfaces", {})["delay"] = round(delay_of_surfaces, 4)
+    if late_surfaces:
+        sensors.setdefault("control_surfaces", {}).update((key, round(late, 4)) for key, late in late_surfaces.items())
     if sensors:
         source["sensors"] = sensors
     if vane_place is not None:

@@ -55,6 +55,7 @@ from aircraft_sysid_ros.identification.coefficients.ground import ground_of
 from aircraft_sysid_ros.identification.coefficients.pace import sparse_interval
 from aircraft_sysid_ros.identification.coefficients.signals import named_inputs
 from aircraft_sysid_ros.reconstruction.options import StateOptions
+from aircraft_sysid_ros.reconstruction.servo_lag import servo_lag
 from aircraft_sysid_ros.reconstruction.smoother_history import SmootherHistory
 from aircraft_sysid_ros.reconstruction.sparse_imu import LONG
 from aircraft_sysid_ros.reconstruction.state import StateField, Status, in_moving_air
@@ -118,6 +119,7 @@ def record_of(aircraft: Aircraft, samples: Samples, rate: float, options: StateO
     every = int(last[0] - first[0] + 1)
     time = _mean(rows[:, StateField.TIME], first, every)
     states = _states(rows, first, every)
+    samples = servo_lag(aircraft).follow(samples)
     delays = np.rint(sensor_delays(aircraft) * 1e9).astype(np.int64)
     times = seconds(samples.stamp - delays[samples.kind], estimator.epoch)
     values = np.where(is_absurd(samples), np.nan, samples.values)

@@ -247,23 +247,29 @@ class _Suite:
         """Deflections with the signs of the recording; throttle, thrust and propeller speed without noise."""
         time = self.times("control_surfaces", "control_surfaces")
         at = time + self.options.command_dead_time
-        values = self.seen("control_surfaces", at).controls.copy()
-        if self.options.command_lag > 0.0:  # position + lag * its rate is the command that it follows
-            moving = np.gradient(self.truth.controls, self.truth.time, axis=0)
-            at = at - self.aircraft.sensors["control_surfaces"].delay
-            rates = np.stack([np.interp(at, self.truth.time, column) for column in moving.T], axis=1)
-            values += self.options.command_lag * rates
+        lag = self.options.command_lag + self.aircraft.sensors["control_surfaces"].lag
+        values = self.seen("control_surfaces", at).controls + lag * self._moving(self.truth.controls, at, lag)
         values[:, : FLAPS + 1] += self.noise("control_surfaces", (len(time), FLAPS + 1))
         values[:, : FLAPS + 1] *= [self.aircraft.surface_signs[name] for name in SURFACES]
         names = (*SURFACES, "throttle", "thrust", "propeller_speed")
         return self.stream("control_surfaces", time, dict(zip(names, values.T, strict=True)))
+
+    def _moving(self, series: Array, time: Array, lag: float) -> Array:
+        """Rates (n, k) of what servos move, at stamps [s]: position + lag × rate is the command that they follow."""
+        if lag <= 0.0:
+            return np.zeros((len(time), series.shape[1]))
+        at = time - self.aircraft.sensors["control_surfaces"].delay
+        rates = np.gradient(series, self.truth.time, axis=0)
+        return np.stack([np.interp(at, self.truth.time, column) for column in rates.T], axis=1)
 
     def inputs(self) -> Stream:
         """The inputs that the aircraft file names, in the units of the recording."""
         time, named = self.times("inputs", "control_surfaces"), self.aircraft.inputs
         draws = generator(self.seed, "inputs").standard_normal((len(time), len(named)))
         noise = self.options.noise_scale * np.array([item.noise for item in named]) * draws
-        shown = (self.seen("control_surfaces", time).inputs + noise) / [item.factor for item in named]
+        lag = self.aircraft.sensors["control_surfaces"].lag
+        moved = self.seen("control_surfaces", time).inputs + lag * self._moving(self.truth.inputs, time, lag)
+        shown = (moved + noise) / [item.factor for item in named]
         return self.stream("inputs", time, ros_conversion.input_fields([item.name for item in named], shown))
 
     def magnetic_field(self) -> Stream:

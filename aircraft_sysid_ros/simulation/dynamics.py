@@ -105,6 +105,13 @@ class Motion(NamedTuple):
     thrust: float  # [N]
 
 
+def _actuator_rates(aircraft: Aircraft) -> Array:
+    """Those of the servos that the file has, or usual ones."""
+    lag, rates = aircraft.sensors["control_surfaces"].lag, ACTUATOR_RATES.copy()
+    rates[:3] = 1.0 / lag if lag > 0.0 else rates[:3]
+    return rates
+
+
 def trim_airspeed_of(aircraft: Aircraft) -> float:
     """Airspeed [m/s] of simulated flights: that of the file, or the one at a lift coefficient of 0.4."""
     wing_loading = aircraft.mass * STANDARD_GRAVITY / aircraft.wing_area
@@ -131,7 +138,7 @@ def airframe_of(aircraft: Aircraft, effects: Sequence[Effect] = ()) -> Airframe:
         static_thrust=0.6 * aircraft.mass * STANDARD_GRAVITY,
         pitch_speed=2.2 * trim_airspeed_of(aircraft),
         propeller_speed=80.0 * trim_airspeed_of(aircraft) / aircraft.span,
-        actuator_rates=ACTUATOR_RATES,
+        actuator_rates=_actuator_rates(aircraft),
         lag_code=lag_code,
         lag_offsets=lag_offsets,
         lag_times=np.array([max(lag.tau, SHORTEST_LAG) for lag in model.lags]),

@@ -11,12 +11,14 @@ from aircraft_sysid_ros.diagnosis.flight.reconstruction import reconstruct_as_fl
 from aircraft_sysid_ros.diagnosis.measurement import (
     control_gain,
     imu_explains,
+    in_file,
     jobs_of,
     measurement_faults,
     try_setting,
 )
 from aircraft_sysid_ros.effects import BY_ID
 from aircraft_sysid_ros.samples import Kind
+from aircraft_sysid_ros.sensors.sensor_models import SensorOptions
 from aircraft_sysid_ros.simulation.simulated_flight import simulate_samples
 
 
@@ -30,8 +32,9 @@ def test_a_late_imu_is_told_in_gusts_too(aircraft, late):
     found = measurement_faults(flight, [BY_ID["imu_lag"]], calm)
     assert [setting.value for setting in found] == ([pytest.approx(late, abs=0.01)] if late else [])
     if late:  # the controls are early beside it, and are not said to be
-        (controls,) = map(try_setting, jobs_of(flight, [BY_ID["actuator_lag"]], calm))
-        assert controls.value < -0.03 and imu_explains(controls, flight)
+        delay, lag = map(try_setting, jobs_of(flight, [BY_ID["actuator_lag"]], calm))
+        assert delay.value < -0.03 and imu_explains(delay, flight)
+        assert lag.value > 0.03 and imu_explains(lag, flight)
 
 
 def test_surfaces_that_are_late_are_not_laid_to_the_imu(aircraft):
@@ -39,8 +42,28 @@ def test_surfaces_that_are_late_are_not_laid_to_the_imu(aircraft):
     without = samples[samples.kind != Kind.ATTITUDE]
     for each in (samples, without):
         flight, calm = reconstruct_as_flown(aircraft, each, with_covariance=False)
-        (controls,) = map(try_setting, jobs_of(flight, [BY_ID["actuator_lag"]], calm))
-        assert controls.evidence > 1.0 and not imu_explains(controls, flight)
+        for controls in map(try_setting, jobs_of(flight, [BY_ID["actuator_lag"]], calm)):
+            assert controls.evidence > 1.0 and not imu_explains(controls, flight)
+
+
+#: Lag of the servos and dead time [s]: which of the two is likelier by itself.
+SERVOS = [(0.06, 0.0, "lag"), (0.0, 0.06, "delay"), (0.03, 0.06, "delay")]
+
+
+@pytest.mark.parametrize(("lag", "dead_time", "first"), SERVOS)
+def test_of_a_delay_and_a_lag_the_likelier_is_told_and_then_what_is_beside_it(aircraft, lag, dead_time, first):
+    sensors = SensorOptions(command_lag=lag, command_dead_time=dead_time, attitude=True)
+    flown = simulate_samples(aircraft, 52, 80.0, turbulence="light", manoeuvres="varied", sensors=sensors)
+    flight, calm = reconstruct_as_flown(aircraft, flown.samples, with_covariance=False)
+    found = measurement_faults(flight, [BY_ID["actuator_lag"]], calm)
+    assert found[0].variant.setting[-1] == first
+    if lag == 0.0 or dead_time == 0.0:
+        assert abs(found[0].value) == pytest.approx(lag + dead_time, abs=0.012)
+        return
+    mended, calm = reconstruct_as_flown(in_file(found[0], aircraft), flown.samples, with_covariance=False)
+    (beside,) = [s for s in measurement_faults(mended, [BY_ID["actuator_lag"]], calm) if s.variant.setting[-1] == "lag"]
+    servos = in_file(beside, mended.aircraft).sensors["control_surfaces"]
+    assert (servos.lag, servos.delay) == (pytest.approx(lag, abs=0.012), pytest.approx(-dead_time, abs=0.012))
 
 
 def test_a_delay_of_the_controls_must_explain_what_it_was_fitted_to():

@@ -134,12 +134,13 @@ def test_with_what_was_found_the_error_is_that_of_the_truth(two_effects):
 
 
 def test_a_servo_that_follows_with_a_lag_is_late_and_has_no_limit_of_its_rate() -> None:
-    """A delay is a simple picture of a lag: what that leaves had been a rate limit, and C_m by alpha_dot."""
+    """A delay is a simple picture of a lag: what that left had been a rate limit, and C_m by alpha_dot."""
     slow = SensorOptions(command_lag=0.06, attitude=True)
     flown = simulate_samples(default_aircraft(), 84, 100.0, manoeuvres="varied", sensors=slow)
     said = answer(default_aircraft(), flown.samples, replicas=5)
-    assert [c["label"] for c in said["candidates"] if c["found"]] == ["actuator_lag"]
-    assert any("a delay stands for the lag of a servo" in note for note in said["notes"])
+    assert [c["label"] for c in said["candidates"] if c["found"]] == ["actuator_lag (lag of the servos)"]
+    assert said["candidates"][0]["inner"] == {"lag": pytest.approx(0.06, abs=0.01)}
+    assert any("a lag that was found in this flight" in note for note in said["notes"])
 
 
 def test_an_effect_outside_the_library_is_unexplained_and_not_given_another_name(two_effects):
@@ -304,8 +305,7 @@ def test_a_delay_of_the_controls_does_not_stand_for_angles_that_are_inferred(air
     flight, calm = reconstruct_as_flown(aircraft, without_vanes(flight_of(aircraft, seed=seed, duration=60.0), late))
     found = measurement_faults(flight, [BY_ID["actuator_lag"]], calm)
     if late:
-        (setting,) = found
-        assert setting.value == pytest.approx(-late, abs=0.03)
+        assert found[0].variant.setting[-1] == "delay" and found[0].value == pytest.approx(-late, abs=0.03)
     else:
         assert found == []
 

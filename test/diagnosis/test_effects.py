@@ -129,7 +129,8 @@ def test_inner_numbers_are_those_of_the_terms_and_have_sensible_ranges(effect):
 def test_a_measurement_effect_is_one_more_aircraft_file(aircraft, effect):
     """Every value of its range is allowed in the file; only that number changes, and it can be changed back."""
     for variant in effect.variants:
-        for value in (effect.inner[0].low, effect.inner[0].high):
+        number = effect.setting_number(variant)
+        for value in (number.low or 0.5 * number.high, number.high or 0.5 * number.low):
             changed = with_setting(aircraft, variant.setting, value)
             assert aircraft_from_dict(changed.source).source == changed.source != aircraft.source
             assert changed.model.terms == aircraft.model.terms

@@ -158,7 +158,7 @@ def test_a_delay_of_the_controls_gains_more_than_one_the_other_way(calm_flight, 
         return {"Cl": (float(np.exp(-0.25 * gain)),) * 2}
 
     monkeypatch.setattr(measurement, "control_errors", errors)
-    (job,) = jobs_of(flight, [BY_ID["actuator_lag"]], True)
+    job, _ = jobs_of(flight, [BY_ID["actuator_lag"]], True)
     assert (try_setting(job).evidence > 1.0) is is_said
 
 

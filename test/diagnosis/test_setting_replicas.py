@@ -17,6 +17,7 @@ from aircraft_sysid_ros.diagnosis.significance.setting_replicas import chance_of
 from aircraft_sysid_ros.diagnosis.words import MeasurementFinding
 from aircraft_sysid_ros.effects import BY_ID
 from aircraft_sysid_ros.samples import Kind
+from aircraft_sysid_ros.sensors.sensor_models import SensorOptions
 from aircraft_sysid_ros.simulation.simulated_flight import simulate_samples
 
 #: Sensors of which one is wrong, and one that may sit elsewhere.
@@ -44,9 +45,18 @@ def test_surfaces_of_replicas_move_when_they_should(aircraft):
     samples = simulate_samples(aircraft, 32, 45.0).samples
     early = replace(samples, stamp=samples.stamp - 50_000_000 * (samples.kind == Kind.CONTROLS))
     flight, calm = reconstruct_as_flown(aircraft, early, with_covariance=False)
-    (found,) = measurement_faults(flight, [BY_ID["actuator_lag"]], calm)
+    found = measurement_faults(flight, [BY_ID["actuator_lag"]], calm)[0]
     assert found.value == pytest.approx(-0.05, abs=0.01)
     mended, _ = reconstruct_as_flown(in_file(found, aircraft), early, with_covariance=False)
+    assert max(gains_in_replicas(found, mended, calm, 2)) < 0.1 * found.gain
+
+
+def test_surfaces_of_replicas_move_as_servos_do(aircraft):
+    samples = simulate_samples(aircraft, 32, 45.0, sensors=SensorOptions(command_lag=0.06)).samples
+    flight, calm = reconstruct_as_flown(aircraft, samples, with_covariance=False)
+    found = measurement_faults(flight, [BY_ID["actuator_lag"]], calm)[0]
+    assert found.variant.setting[-1] == "lag" and found.value == pytest.approx(0.06, abs=0.012)
+    mended, _ = reconstruct_as_flown(in_file(found, aircraft), samples, with_covariance=False)
     assert max(gains_in_replicas(found, mended, calm, 2)) < 0.1 * found.gain
 
 

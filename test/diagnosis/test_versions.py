@@ -195,7 +195,9 @@ def test_times_that_are_free_lower_an_error_a_little_and_are_no_reason(run, abse
 def test_a_measurement_effect_changes_a_setting_and_gets_an_id_of_its_own(run, aircraft, monkeypatch) -> None:
     """All surfaces were recorded 80 ms after they moved, which the file does not say."""
     _shift(run, Kind.CONTROLS, 80_000_000)
-    effect = Effect(**{**vars(BY_ID["actuator_lag"]), "inner": (ShapeParameter("delay", "s", 0.0, 0.2, 5),)})
+    delay = BY_ID["actuator_lag"].variants[:1]
+    early = {"inner": (ShapeParameter("delay", "s", 0.0, 0.2, 5),), "variants": delay}
+    effect = Effect(**{**vars(BY_ID["actuator_lag"]), **early})
     monkeypatch.setattr(additions, "parse_request", lambda text, inputs: effect)
     before = open_run(run)
     outcome = add(run, "actuator_lag")

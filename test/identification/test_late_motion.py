@@ -5,12 +5,22 @@ import pytest
 
 from aircraft_sysid_ros.after_flight.replay_notes import delay_notes
 from aircraft_sysid_ros.aircraft.configuration import Aircraft, aircraft_from_dict
-from aircraft_sysid_ros.identification.late_motion import LAG, LateMotion
+from aircraft_sysid_ros.identification.coefficients.layout import SIGNALS_OF_SAMPLE
+from aircraft_sysid_ros.identification.late_motion import USUAL, LateMotion
+from aircraft_sysid_ros.identification.moved_surfaces import (
+    COUNT,
+    DELAY,
+    FIRST,
+    LAG,
+    MovedSurfaces,
+    derivatives_of,
+    look_ahead,
+)
 from aircraft_sysid_ros.identification.trust import Trust
-from aircraft_sysid_ros.identification.undescribed_sensors import derivatives_of
 from aircraft_sysid_ros.pipeline import Pipeline
 from aircraft_sysid_ros.reconstruction.found_noise import completed_file
 from aircraft_sysid_ros.samples import Kind, Samples
+from aircraft_sysid_ros.sensors.sensor_models import SensorOptions
 from aircraft_sysid_ros.simulation.simulated_flight import default_aircraft, simulate_samples
 
 SHAPE = ("name", "mass", "wing_area", "span", "chord", "inertia", "imu_position", "air_data_position", "gps_position")
@@ -42,8 +52,8 @@ def test_lateness_is_found_and_what_is_in_use_holds_the_truth(turbulence: str, l
     pipeline = flown(of_shape(flight.aircraft), early(flight.samples, late))
     found = pipeline.parameters.learning.undescribed.late_motion
     assert found is not None
-    assert found[1] < 0.01
-    assert found[0] == pytest.approx(late, abs=3.0 * found[1])
+    assert found.variance < 0.01**2
+    assert found.time == pytest.approx(late, abs=3.0 * np.sqrt(found.variance))
     used = {p.name: p for p in pipeline.parameters.snapshot().parameters if p.status is Trust.USE}
     assert len(used) >= 12
     z = {name: (p.value - flight.coefficients[name]) / p.std for name, p in used.items()}
@@ -51,17 +61,52 @@ def test_lateness_is_found_and_what_is_in_use_holds_the_truth(turbulence: str, l
     assert np.mean(np.abs([*z.values()]) < 1.96) > 0.85
 
 
+#: A servo's lag [s] and a dead time [s] before it; how far off [s] the lag may be found, and each main derivative.
+SERVOS = [(0.05, 0.0, 0.008, 0.12), (0.08, 0.0, 0.012, 0.12), (0.1, 0.03, 0.02, 0.15)]
+
+
+@pytest.mark.parametrize(("lag", "dead_time", "far", "off"), SERVOS)
+@pytest.mark.parametrize("turbulence", ["none", "moderate"])
+def test_of_commands_the_lag_of_the_servos_is_found_and_parameters_are_freed_of_it(
+    turbulence: str, lag: float, dead_time: float, far: float, off: float
+) -> None:
+    sensors = SensorOptions(command_lag=lag, command_dead_time=dead_time)
+    flight = simulate_samples(default_aircraft(), 45, 90.0, turbulence=turbulence, manoeuvres="varied", sensors=sensors)
+    parameters = flown(of_shape(flight.aircraft), flight.samples).parameters
+    way = parameters.learning.undescribed.late_motion
+    assert way is not None
+    assert way.course.is_lag
+    assert way.course.dead_time == dead_time
+    assert way.time == pytest.approx(lag, abs=far)
+    assert "lag" in delay_notes(parameters)[0]
+    known = {p.name: p for p in parameters.snapshot().parameters}
+    for name in ("Cl_p", "Cl_da", "Cm_alpha", "Cm_q", "Cm_de", "Cn_beta", "Cn_r", "Cn_dr"):
+        assert known[name].value == pytest.approx(flight.coefficients[name], rel=off), name
+        assert abs(known[name].value - flight.coefficients[name]) < 2.0 * known[name].std, name
+
+
 def test_the_delay_is_said_and_the_completed_file_has_it() -> None:
     flight = simulate_samples(default_aircraft(), 44, 60.0)
     for late in (RECORDED, 0.0):
         pipeline = flown(of_shape(flight.aircraft), early(flight.samples, late))
         said = delay_notes(pipeline.parameters)
-        learnt = completed_file(pipeline.state, pipeline.parameters.learning.undescribed.delay_of_surfaces)
+        learnt = completed_file(pipeline.state, pipeline.parameters.learning.undescribed.late_surfaces)
         delay = learnt["sensors"].get("control_surfaces", {}).get("delay")
         assert bool(said) == (delay is not None) == (late > 0.0)
         if late:
             assert delay == pytest.approx(-late, abs=0.008)
             assert f"delay: {delay:.3f}" in said[0]
+
+
+def test_the_completed_file_has_the_lag_and_is_believed() -> None:
+    flight = simulate_samples(default_aircraft(), 46, 60.0, sensors=SensorOptions(command_lag=0.05))
+    pipeline = flown(of_shape(flight.aircraft), flight.samples)
+    learnt = completed_file(pipeline.state, pipeline.parameters.learning.undescribed.late_surfaces)
+    assert learnt["sensors"]["control_surfaces"]["lag"] == pytest.approx(0.05, abs=0.008)
+    told = flown(aircraft_from_dict(learnt), flight.samples).parameters
+    assert told.learning.undescribed.late_motion is None
+    by = {p.name: p.value for p in told.snapshot().parameters}
+    assert by["Cl_p"] == pytest.approx(flight.coefficients["Cl_p"], rel=0.1)
 
 
 def test_a_file_that_says_when_is_believed() -> None:
@@ -82,4 +127,33 @@ def test_nothing_is_known_before_it_moves() -> None:
     motion = LateMotion()
     motion.adopt(model.offsets, [derivatives_of(model, axis) for axis in range(6)])
     motion.look(0.0)
-    assert (motion.late, motion.variance) == (0.0, pytest.approx(LAG**2))
+    assert (motion.best.time, motion.best.variance) == (0.0, pytest.approx(USUAL**2))
+
+
+def test_forms_of_a_surface_are_what_a_delay_and_a_servo_make_of_it() -> None:
+    time = np.arange(0.0, 4.0, 0.04)
+    samples = np.zeros((len(time), SIGNALS_OF_SAMPLE + FIRST + COUNT))
+    samples[:, 0] = time
+    samples[:, SIGNALS_OF_SAMPLE + FIRST] = np.sin(3.0 * time)
+    surfaces = MovedSurfaces()
+    parts = [surfaces.follow(samples[begin : begin + 7]) for begin in range(0, len(samples), 7)]
+    whole = MovedSurfaces().follow(samples)
+    assert np.array_equal(np.concatenate(parts), whole)
+    look_ahead(samples, whole)
+    forms, settled = whole[:, 0], slice(40, len(samples) - 1)
+    for at, form in zip(DELAY.times, DELAY.forms, strict=True):
+        assert forms[settled, form] == pytest.approx(np.sin(3.0 * (time[settled] - at)), abs=2e-3)
+    for lag, form in zip(LAG.times, LAG.forms, strict=True):
+        size, turn = 1.0 / np.hypot(1.0, 3.0 * lag), np.arctan(3.0 * lag)
+        assert forms[settled, form] == pytest.approx(size * np.sin(3.0 * time[settled] - turn), abs=3e-3)
+
+
+def test_between_forms_the_parabola_goes_through_them() -> None:
+    for time in (0.0, 0.013, 0.03, 0.07, 0.19):
+        near = LAG.between(time)
+        at = LAG.times[[list(LAG.forms).index(form) for form in near.forms]]
+        for power in range(3):
+            assert near.shares @ at**power == pytest.approx(time**power)
+            assert near.slopes @ at**power == pytest.approx(
+                power * time ** max(power - 1, 0) if power else 0.0, abs=1e-9
+            )

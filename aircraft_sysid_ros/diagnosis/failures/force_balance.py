@@ -26,6 +26,7 @@ from aircraft_sysid_ros.aircraft.term_values import evaluate_signals
 from aircraft_sysid_ros.diagnosis.flight.motion_coefficients import coefficients_of_motion
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.reconstruction.ground_speed_wind import GroundSpeedWind, wind_of_ground_speed
+from aircraft_sysid_ros.reconstruction.servo_lag import servo_lag
 from aircraft_sysid_ros.samples import CONTROL_COLUMNS, Kind, Samples, is_absurd
 from aircraft_sysid_ros.sensors.sensor_models import first_order_lag
 from aircraft_sysid_ros.stretches import longest_stretch
@@ -84,7 +85,7 @@ class _Series:
 
     def __init__(self, aircraft: Aircraft, samples: Samples) -> None:
         sound: Mask = np.asarray(~is_absurd(samples).any(axis=1))
-        self._samples = samples[sound]
+        self._samples = servo_lag(aircraft).follow(samples[sound])
         self._delay = {Kind.CONTROLS: aircraft.sensors["control_surfaces"].delay}
         self._delay[Kind.INPUTS] = self._delay[Kind.CONTROLS]
         of_imu = np.sort(self._samples.stamp[self._samples.kind == Kind.IMU])

@@ -242,7 +242,7 @@ def _gust_jobs(aircraft: Aircraft, samples: Samples, effect: Effect) -> Iterator
             flight = reconstruct(fit_sensor_noise(aircraft, samples), samples, with_covariance=False)
             stretch = stretch_of(flight)
             without = likelihood_as_learnt(flight.aircraft, stretch)
-            yield flight, stretch, effect, variant, effect.inner[0], without, {}, True
+            yield flight, stretch, effect, variant, effect.setting_number(variant), without, {}, True
 
 
 # -- bookkeeping of changes ----------------------------------------------------------------------------------

@@ -30,6 +30,7 @@ from aircraft_sysid_ros.estimation.window_average import window_averages
 from aircraft_sysid_ros.identification.coefficients.body import body_of
 from aircraft_sysid_ros.identification.coefficients.ground import altitudes, ground_of
 from aircraft_sysid_ros.identification.coefficients.signals import signals_of
+from aircraft_sysid_ros.reconstruction.servo_lag import servo_lag
 from aircraft_sysid_ros.reconstruction.state import StateField, in_moving_air
 from aircraft_sysid_ros.reconstruction.state_estimator import nanoseconds, sensor_delays
 from aircraft_sysid_ros.samples import Kind, Samples, concatenate, manoeuvre_at, run_of_manoeuvres, samples_of
@@ -167,13 +168,14 @@ def _motion(rows: Array, band: float) -> tuple[Array, Array, Array, Array, Array
 def _recorded(aircraft: Aircraft, samples: Samples, time: Array, epoch: int, rows: Array) -> tuple[Array, Array, Array]:
     """Controls (n, 7) with the signs of the aircraft file, named inputs (n, MOST_INPUTS) and height above ground (n,).
 
-    Controls are those at that time: a delay that the aircraft file says is taken off. The height, where it was not
-    recorded, is that of the altitude of states (n, …) over the ground; where nothing says that, over the lowest point,
-    which no axis that is judged reads.
+    Controls are those at that time: a delay and a lag that the aircraft file says are taken off. The height, where it
+    was not recorded, is that of the altitude of states (n, …) over the ground; where nothing says that, over the lowest
+    point, which no axis that is judged reads.
     """
-    controls = _series(samples, Kind.CONTROLS, 7, time + sensor_delays(aircraft)[Kind.CONTROLS], epoch)
+    samples, late = servo_lag(aircraft).follow(samples), time + sensor_delays(aircraft)[Kind.CONTROLS]
+    controls = _series(samples, Kind.CONTROLS, 7, late, epoch)
     controls[:, :4] *= [aircraft.surface_signs[name] for name in SURFACES]
-    inputs = _series(samples, Kind.INPUTS, MOST_INPUTS, time, epoch)
+    inputs = _series(samples, Kind.INPUTS, MOST_INPUTS, late, epoch)
     height = _series(samples, Kind.HEIGHT, 1, time, epoch)[:, 0]
     altitude, ground = altitudes(rows), ground_of(aircraft, rows)
     ground = ground if np.isfinite(ground) else float(np.min(altitude))

@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
+from aircraft_sysid_ros.aircraft.sensor_settings import CONTROLS
 from aircraft_sysid_ros.diagnosis.flight.reconstruction import (
     Reconstruction,
     as_flown,
@@ -22,7 +23,7 @@ from aircraft_sysid_ros.diagnosis.flight.reconstruction import (
     repeated_rows,
     settled_flight,
 )
-from aircraft_sysid_ros.diagnosis.measurement import CONTROLS, Setting, jobs_of, try_setting
+from aircraft_sysid_ros.diagnosis.measurement import Setting, jobs_of, try_setting
 from aircraft_sysid_ros.diagnosis.significance.bootstrap_flight import world_of
 from aircraft_sysid_ros.diagnosis.significance.maximum_statistic import Null
 from aircraft_sysid_ros.diagnosis.significance.parametric_bootstrap import LONGEST, fitted_parameters
@@ -30,6 +31,7 @@ from aircraft_sysid_ros.effects.effect import with_setting
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.identification.coefficients.layout import CoefficientSample
 from aircraft_sysid_ros.processes import in_parallel
+from aircraft_sysid_ros.reconstruction.servo_lag import ServoLag
 from aircraft_sysid_ros.samples import Kind, Samples
 
 Array = npt.NDArray[np.float64]
@@ -63,12 +65,14 @@ def _with_sensors_right(aircraft: Aircraft, fault: Setting) -> Aircraft:
 
 
 def _controls_on_time(mended: Reconstruction, fault: Setting) -> Samples:
-    """The samples, and where the fault is a delay of the controls those without it: replicas move by what they do."""
-    samples = mended.samples
-    if CONTROLS not in fault.variant.setting:
+    """The samples, and where the controls are late those that are not: replicas move by what they do."""
+    samples, key = mended.samples, fault.variant.setting
+    if CONTROLS not in key:
         return samples
+    if key[-1] == "lag":
+        return ServoLag(fault.value).follow(samples)
     late = round(1e9 * (fault.value - fault.nominal))
-    return replace(samples, stamp=samples.stamp - late * (samples.kind == Kind.CONTROLS))
+    return replace(samples, stamp=samples.stamp - late * np.isin(samples.kind, [Kind.CONTROLS, Kind.INPUTS]))
 
 
 def _gain(job: tuple[Setting, Reconstruction, list[Array], Array, bool, int]) -> float:

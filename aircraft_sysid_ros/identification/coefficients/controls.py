@@ -24,6 +24,7 @@ from aircraft_sysid_ros.identification.coefficients.signals import (
     moved_unseen,
     named_inputs,
 )
+from aircraft_sysid_ros.reconstruction.servo_lag import servo_lag
 from aircraft_sysid_ros.reconstruction.sparse_imu import LONG
 from aircraft_sysid_ros.reconstruction.state import StateField
 from aircraft_sysid_ros.reconstruction.state_estimator import seconds, sensor_delays
@@ -49,6 +50,7 @@ class ControlHistory:
         """``settle`` [s]: how much later than the state a sample may come."""
         self._aircraft, self.settle = aircraft, settle
         self._delays = np.rint(sensor_delays(aircraft) * 1e9).astype(np.int64)
+        self._servos = servo_lag(aircraft)
         self._signs = np.array([*(aircraft.surface_signs[s] for s in SURFACES), 1.0, 1.0, 1.0])
         self._noise = np.full(CONTROL_COUNT, np.inf)  # one sigma of the surfaces; what else moves is slow
         self._noise[: len(SURFACES)] = aircraft.sensors["control_surfaces"].noise[0]
@@ -88,6 +90,7 @@ class ControlHistory:
         ``due`` (n,) [ns] is the newest time of states that could have come before each sample, where samples come in
         blocks: what was late by then is late, however large the blocks are.
         """
+        samples = self._servos.follow(samples)
         times = seconds(samples.stamp - self._delays[samples.kind], epoch)
         absurd = is_absurd(samples)
         values = np.where(absurd, np.nan, samples.values)

@@ -43,6 +43,7 @@ from aircraft_sysid_ros.identification.estimators.reset_prior import (
 )
 from aircraft_sysid_ros.identification.history import SampleHistory
 from aircraft_sysid_ros.identification.monitoring.residuals import RATIO, ResidualMonitor
+from aircraft_sysid_ros.identification.moved_surfaces import COUNT, FIRST, derivatives_of
 from aircraft_sysid_ros.identification.trust import TrustRules
 from aircraft_sysid_ros.reconstruction.state import StateField
 
@@ -59,6 +60,8 @@ _ASKED, _LATEST = (6.0, 9.0, 12.0, 15.0, 18.0), 4.0
 #: Standard errors by which the level before differs then, and time [s] for which errors are alike.
 _SURELY, _ALIKE = 4.0, 1.0
 _TIME = CoefficientSample.TIME
+#: Standard errors by which surfaces may be late.
+_LATEST_BY = 3.0
 #: Axes of one plane, in which the same surfaces act.
 _PLANES = (("CX", "CZ", "Cm"), ("CY", "Cl", "Cn"))
 
@@ -135,14 +138,19 @@ class ChangeDetector:
         self.monitor.add(samples, self._history.by_least_squares(first), state.updates >= KNOWN)
         self._newest = float(samples[-1, _TIME])
 
-    def evaluate(self, model: AerodynamicModel, state: RlsState, start: float) -> list[AxisReset]:
-        """Axes that have changed, as commands; ``state`` is that of least squares, ``start`` [s] of the flight."""
+    def evaluate(
+        self, model: AerodynamicModel, state: RlsState, start: float, lateness: float = 0.0
+    ) -> list[AxisReset]:
+        """Axes that have changed, as commands; ``state`` is that of least squares, ``start`` [s] of the flight.
+
+        ``lateness``: one sigma [s] of how late surfaces may be recorded, which is no change of the aeroplane.
+        """
         self._follow(state)
         resets = self._settled(model) if self._settling else []
         if self.monitor.is_quiet():
             return resets
         for axis in range(len(AXES)):
-            if self.monitor.has_changed(axis, partial(self._explained, axis, model, state)):
+            if self.monitor.has_changed(axis, partial(self._explained, axis, model, state, lateness)):
                 reset = self._reset_of(axis, model, state)
                 self.monitor.forget(axis)
                 self.counts[axis] += 1
@@ -223,10 +231,11 @@ class ChangeDetector:
         small = np.maximum(rules.relative_error * np.abs(known.theta), rules.negligible * spread_of_terms(sums[0]))
         return known if n and np.all(std <= small) else None
 
-    def _explained(self, axis: int, model: AerodynamicModel, state: RlsState) -> float:
+    def _explained(self, axis: int, model: AerodynamicModel, state: RlsState, lateness: float) -> float:
         """What explains a window without a change: variance of its predictions, by the covariance from before it.
 
-        A window whose error is no larger than noise of the terms makes is explained, too.
+        A window whose error is no larger than noise of the terms makes is explained, too, or surfaces that are as late
+        as they may be.
         """
         begin, n = self.monitor.window_begin(axis), len(model.terms[AXES[axis]])
         theta, p = self._before(begin - _MARGIN, axis, state)
@@ -235,8 +244,11 @@ class ChangeDetector:
         samples = self._since(begin)[0]
         learnt = samples[samples[:, CoefficientSample.LEARNT.start + axis] > 0.0]
         x = learnt[:, CoefficientSample.TERMS + part.start : CoefficientSample.TERMS + part.stop]
+        if not len(x):
+            return np.inf
         shares = np.einsum("ki,ij,kj->k", x, p[:n, :n], x)
-        return self.monitor.variance(axis) * float(shares.mean()) + noise / RATIO**2 if len(x) else np.inf
+        late = (_LATEST_BY * lateness) ** 2 * _moved_by_surfaces(learnt, theta[:n], derivatives_of(model, axis))
+        return self.monitor.variance(axis) * float(shares.mean()) + (noise + late) / RATIO**2
 
     def _reset_of(self, axis: int, model: AerodynamicModel, state: RlsState) -> AxisReset:
         begun = self.monitor.change_time(axis)
@@ -267,3 +279,14 @@ class ChangeDetector:
         while self._unsound and self._unsound[0][1] <= first:
             self._unsound.popleft()
         return samples[chosen], weights[chosen]
+
+
+def _moved_by_surfaces(samples: Array, theta: Array, derivatives: npt.NDArray[np.int64]) -> float:
+    """Mean square of the rate [1/s] that the surfaces give a coefficient in some samples, with its parameters (n,)."""
+    times = samples[:, _TIME]
+    known = derivatives >= 0
+    if len(times) < 3 or not known.any() or not np.all(np.diff(times) > 0.0):
+        return 0.0
+    first = CoefficientSample.SIGNALS.start + FIRST
+    rates = np.gradient(samples[:, first : first + COUNT][:, known], times, axis=0)
+    return float(np.nanmean((rates @ theta[derivatives[known]]) ** 2)) if np.isfinite(rates).any() else 0.0
