@@ -130,8 +130,8 @@ def same_as_written(values, run, truth):
 
 
 def controlled(user):
-    """The example flies in step, and hears the parameters, as far as the estimators keep up with it."""
-    flight = user.ask("fly", "--seconds", 12, "--rate", 0)
+    """The example flies, and hears the parameters, which come once in a second."""
+    flight = user.ask("fly", "--seconds", 12, "--rate", 2)
     assert flight["case"] == "elevator" and flight["seconds"] == pytest.approx(12.0)
     assert flight["problems"] == [] and flight["lost_at"] is None
     assert flight["messages_of_parameters"] > 0 and flight["refused"] == 0
