@@ -356,3 +356,17 @@ def test_flow_that_separates_takes_lift_away(aircraft, share, refused):
     stall = Finding(bench.best_of(effect_of("stall")), bench.data, 9.0, 9.0, 0.0, 0.5, 9.0)
     said = stall.refusal(first=True)
     assert said == ("its part of C_Z has the sign that it cannot have" if refused else "")
+
+
+def test_a_centre_of_gravity_that_moves_along_the_fuselage_need_not_be_seen_in_yaw(aircraft):
+    """What it makes of C_n is little, and lost in what else the model lacks there. What a surface loses is not."""
+
+    def moved(c, after, f):
+        c[:, 4] += np.where(after, 0.09 * c[:, 2], 0.0)
+        c[:, 5] += 0.4 * f["beta"] ** 3 + 0.3 * f["alpha"] * f["da"]
+        return c
+
+    trial = tried(flight_of(aircraft, moved), "cg_shift", 0, t0=CHANGE)
+    assert not Finding(trial, flight_of(aircraft), 0.0, 0.0, 0.0, 0.0, 0.0).impossible
+    rudder = next(k for k, v in enumerate(effect_of("control_damage").variants) if v.name == "rudder")
+    assert tried(flight_of(aircraft), "control_damage", rudder, t0=CHANGE).candidate.shows_in == ("Cn", "CY")

@@ -16,7 +16,17 @@ import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, AerodynamicModel
 from aircraft_sysid_ros.diagnosis.flight.flight_data import BLOCK, FlightData
-from aircraft_sysid_ros.effects.effect import END, FULL, Effect, ShapeParameter, Tie, Variant, fill, placeholders
+from aircraft_sysid_ros.effects.effect import (
+    CHORD_BY_SPAN,
+    END,
+    FULL,
+    Effect,
+    ShapeParameter,
+    Tie,
+    Variant,
+    fill,
+    placeholders,
+)
 from aircraft_sysid_ros.errors import InputError
 
 Array = npt.NDArray[np.float64]
@@ -63,7 +73,8 @@ class Candidate:
         What is lost of one half of a surface has an arm of its own in roll, but is lost of what the surface does, too.
         """
         own = () if self.effect is None else self.effect.shows_in
-        shared = tuple(axis for axis, ties in self.ties.items() if any(tie.of for tie in ties))
+        of_surfaces = {axis: any(tie.of not in ("", CHORD_BY_SPAN) for tie in ties) for axis, ties in self.ties.items()}
+        shared = tuple(axis for axis, is_of_one in of_surfaces.items() if is_of_one)
         return own or (shared if len(shared) < len(self.ties) else ())
 
     @property
