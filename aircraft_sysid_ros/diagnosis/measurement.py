@@ -435,6 +435,17 @@ def _try_controls(job: Job) -> Setting:
     return Setting(effect, variant, start, float(f"{value:.4g}"), best, best / needed, std, beside=beside)
 
 
+def with_the_other(best: Setting, flight: Reconstruction, calm: bool) -> Setting:
+    """A delay of the controls with the lag of the servos beside it, or the other way round, where that gains, too."""
+    mended = replace(flight, aircraft=in_file(best, flight.aircraft))  # the first step does not use them
+    others = replace(best.effect, variants=tuple(v for v in best.effect.variants if v.setting != best.variant.setting))
+    second = max(map(try_setting, jobs_of(mended, [others], calm)), key=lambda other: other.evidence)
+    if not second.evidence > 1.0:
+        return best
+    value = dict(second.beside).get(best.variant.setting, best.value)
+    return replace(best, value=value, beside=((second.variant.setting, second.value),))
+
+
 def control_errors(flight: Reconstruction, aircraft: Aircraft) -> Errors:
     """Errors of the moments in the second step with another delay of the controls.
 

@@ -15,6 +15,7 @@ from aircraft_sysid_ros.diagnosis.measurement import (
     jobs_of,
     measurement_faults,
     try_setting,
+    with_the_other,
 )
 from aircraft_sysid_ros.effects import BY_ID
 from aircraft_sysid_ros.samples import Kind
@@ -57,12 +58,7 @@ def test_of_a_delay_and_a_lag_the_likelier_is_told_and_then_what_is_beside_it(ai
     flight, calm = reconstruct_as_flown(aircraft, flown.samples, with_covariance=False)
     found = measurement_faults(flight, [BY_ID["actuator_lag"]], calm)
     assert found[0].variant.setting[-1] == first
-    if lag == 0.0 or dead_time == 0.0:
-        assert abs(found[0].value) == pytest.approx(lag + dead_time, abs=0.012)
-        return
-    mended, calm = reconstruct_as_flown(in_file(found[0], aircraft), flown.samples, with_covariance=False)
-    (beside,) = [s for s in measurement_faults(mended, [BY_ID["actuator_lag"]], calm) if s.variant.setting[-1] == "lag"]
-    servos = in_file(beside, mended.aircraft).sensors["control_surfaces"]
+    servos = in_file(with_the_other(found[0], flight, calm), aircraft).sensors["control_surfaces"]
     assert (servos.lag, servos.delay) == (pytest.approx(lag, abs=0.012), pytest.approx(-dead_time, abs=0.012))
 
 

@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, AerodynamicModel, term_label
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
+from aircraft_sysid_ros.aircraft.sensor_settings import CONTROLS
 from aircraft_sysid_ros.diagnosis.compare import compare_axis
 from aircraft_sysid_ros.diagnosis.failures.failures import has_vanes
 from aircraft_sysid_ros.diagnosis.flight.flight_data import FlightData
@@ -30,6 +31,7 @@ from aircraft_sysid_ros.diagnosis.measurement import (
     setting_of,
     stretch_of,
     try_setting,
+    with_the_other,
 )
 from aircraft_sysid_ros.diagnosis.model_versions.constants_of_forces import with_bias
 from aircraft_sysid_ros.diagnosis.model_versions.failed_input import BY_FORCES, FailedInput, failed_input
@@ -211,7 +213,8 @@ def _of_setting(run: Run, flight: FlightData, effect: Effect, progress: Progress
         if place is not None:
             return Change(settings=((place.variant.setting, place.value),)), place
     jobs = list(_gust_jobs(run.current.aircraft, samples, effect))
-    jobs = jobs or list(jobs_of(reconstruct(flown, samples, with_covariance=False), [effect], calm))
+    first = None if jobs else reconstruct(flown, samples, with_covariance=False)
+    jobs = jobs if first is None else list(jobs_of(first, [effect], calm))
     tried: list[Setting] = []
     for setting in in_parallel(try_setting, jobs):
         tried.append(setting)
@@ -225,6 +228,8 @@ def _of_setting(run: Run, flight: FlightData, effect: Effect, progress: Progress
         )
     if best.feigns_wind and not as_flown(in_file(best, run.current.aircraft), samples)[1]:
         raise _only_gusts(effect)
+    if first is not None and CONTROLS in best.variant.setting and len(effect.variants) > 1:
+        best = with_the_other(best, first, calm)
     return Change(settings=((best.variant.setting, best.value), *best.beside)), best
 
 
