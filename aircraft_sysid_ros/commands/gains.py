@@ -6,7 +6,7 @@ Refused where the uncertainty of the parameters allows an unstable loop: docs/ex
 from __future__ import annotations
 
 import argparse
-from dataclasses import fields
+from dataclasses import fields, replace
 from typing import Any
 
 import numpy as np
@@ -24,7 +24,7 @@ from aircraft_sysid_ros.commands.notes import note_lines
 from aircraft_sysid_ros.diagnosis.model_versions.versions import open_run
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.export.gains import AUTOPILOTS, SUFFIXES, gains
-from aircraft_sysid_ros.export.rate_loops import Actuator
+from aircraft_sysid_ros.export.rate_loops import Actuator, actuator_of
 
 #: Longest lag and delay [s] of an actuator that is believed.
 _LONGEST = 0.5
@@ -40,9 +40,10 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
     endings = ", ".join(f"{suffix} for {name}" for name, suffix in SUFFIXES.items())
     parser.add_argument("--out", metavar="FILE", help=f"parameter file to write: {endings}")
     for field in fields(Actuator):
+        of_file = "lag of control_surfaces in the aircraft file, or " if field.name == "lag" else ""
         parser.add_argument(
-            f"--actuator-{field.name}", type=float, metavar="S", default=field.default,
-            help=f"{field.name} from command to surface [s] (default: %(default)s)",
+            f"--actuator-{field.name}", type=float, metavar="S",
+            help=f"{field.name} from command to surface [s] (default: {of_file}{field.default})",
         )  # fmt: skip
     add_model_options(parser)
     return parser
@@ -56,13 +57,13 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
             "gains need to know how far the surfaces go: give --full-deflection E,A,R, the degrees of elevator, "
             "aileron and rudder at full command"
         )
-    actuator = Actuator(args.actuator_lag, args.actuator_delay)
-    if not all(1e-3 <= value <= _LONGEST for value in (actuator.lag, actuator.delay)):
+    asked = {name: value for name in ("lag", "delay") if (value := getattr(args, f"actuator_{name}")) is not None}
+    if not all(1e-3 <= value <= _LONGEST for value in asked.values()):
         raise InputError(f"--actuator-lag and --actuator-delay must be from 0.001 to {_LONGEST:g} s")
     out = None if args.out is None else checked_out(args.out, SUFFIXES[args.to], args.overwrite)
     opened = open_run(args.run)
     learnt = chosen_model(opened, args.model)
-    found = gains(learnt, args.to, full, actuator)
+    found = gains(learnt, args.to, full, replace(actuator_of(learnt.aircraft), **asked))
     if out is not None:
         write(out, found.content, args.overwrite)
     loops = {

@@ -19,6 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
+from aircraft_sysid_ros.aircraft.configuration import Aircraft
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.export.learnt_model import LearntModel
 from aircraft_sysid_ros.export.level_flight import (
@@ -55,6 +56,12 @@ class Actuator:
 
     lag: float = 0.05  # [s] first order
     delay: float = 0.03  # [s]
+
+
+def actuator_of(aircraft: Aircraft) -> Actuator:
+    """A usual one, with the lag of the servos where the aircraft file says it."""
+    lag = aircraft.sensors["control_surfaces"].lag
+    return Actuator(lag) if lag > 0.0 else Actuator()
 
 
 @dataclass(frozen=True)

@@ -9,11 +9,13 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
+from aircraft_sysid_ros.aircraft.configuration import aircraft_from_dict
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.export.autopilot_parameters import arduplane_gains, px4_gains
 from aircraft_sysid_ros.export.gains import gains
 from aircraft_sysid_ros.export.level_flight import airspeeds_of, level_flight
-from aircraft_sysid_ros.export.rate_loops import PITCH, ROLL, Actuator, design
+from aircraft_sysid_ros.export.rate_loops import PITCH, ROLL, Actuator, actuator_of, design
+from aircraft_sysid_ros.simulation.simulated_flight import default_aircraft
 
 ACTUATOR = Actuator()
 FULL = np.radians([25.0, 20.0, 30.0])
@@ -177,3 +179,10 @@ def test_margins_and_limits_are_stated(learnt, loops):
 
 def test_a_slower_actuator_gets_less_gain(learnt, loops):
     assert design(learnt, PITCH, Actuator(0.1, 0.1)).p < loops[PITCH].p
+
+
+def test_the_servos_of_the_file_are_those_of_the_loop():
+    usual = default_aircraft()
+    slow = aircraft_from_dict({**usual.source, "sensors": {"control_surfaces": {"lag": 0.12}}})
+    assert actuator_of(usual) == Actuator()
+    assert actuator_of(slow) == Actuator(0.12, Actuator().delay)
