@@ -45,6 +45,8 @@ _NEAR, _FAR, _FURTHEST, _LEAST_UNIT = 1.3, 0.2, 2.0, 1.5
 _PRIOR = dict.fromkeys(ATTITUDE, 1.5) | dict.fromkeys(VELOCITY, 1.6) | dict.fromkeys(COMMANDED, 0.5)
 _SCALE_PRIOR = dict.fromkeys((*ATTITUDE, *GEODETIC[:2]), 1.5)
 _LAG_PRIOR = {"imu": 2.2, "velocity": 0.9}
+#: Streams of one device.
+_RECEIVER = (("velocity", "position"),)
 
 
 @dataclass(frozen=True)
@@ -89,7 +91,7 @@ def _scaled(flight: Flight, signal: str, factor: float) -> Flight:
 def delays(relations: Sequence[Relation], flight: Flight) -> list[Explanation]:
     """Streams that come too late or too early."""
     found = []
-    for fault in lag_faults(relations, _LAG_PRIOR, stream_of):
+    for fault in lag_faults(relations, _LAG_PRIOR, stream_of, _RECEIVER):
         finding = _late(fault, flight)
         found.append(Explanation(finding, partial(with_delay, names=finding.signals, delay=fault.size)))
     return found

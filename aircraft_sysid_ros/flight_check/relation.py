@@ -7,7 +7,7 @@ A signal that agrees with two others is not the one that a fourth contradicts.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations, product
 
@@ -29,6 +29,8 @@ LEAST_FOR_LAG = 0.75
 #: Cost of a fault where a contradiction costs 1; signals that come from an estimator of their own are doubted last.
 FAULT = 0.4
 _MOST_SUSPECTS, _MOST_TOGETHER = 12, 3
+#: Costs that differ by less are the same.
+_SAME_COST = 1e-9
 #: How much a relation that holds counts in the choice of suspects.
 _BESIDE = 0.01
 
@@ -115,14 +117,21 @@ def scale_faults(relations: Sequence[Relation], prior: Mapping[str, float]) -> l
 
 
 def lag_faults(
-    relations: Sequence[Relation], prior: Mapping[str, float], stream_of: Callable[[str], str]
+    relations: Sequence[Relation],
+    prior: Mapping[str, float],
+    stream_of: Callable[[str], str],
+    together: Sequence[tuple[str, ...]] = (),
 ) -> list[Fault]:
-    """Times [s] by which the fewest streams are late; the signals of a fault are streams."""
+    """Times [s] by which the fewest streams are late; the signals of a fault are streams.
+
+    ``together``: streams of one device, which are late as one.
+    """
     chosen = [r for r in relations if r.has_lag and r.comparison.is_sure]
     chosen = [r for r in chosen if abs(r.comparison.correlation) > LEAST_FOR_LAG]
     return _fewest(
-        chosen, [r.lag for r in chosen], [r.comparison.lag for r in chosen], stream_of, prior, LEAST_LAG, _BARELY
-    )
+        chosen, [r.lag for r in chosen], [r.comparison.lag for r in chosen], stream_of, prior, LEAST_LAG, _BARELY,
+        together,
+    )  # fmt: skip
 
 
 def _fewest(
@@ -133,46 +142,67 @@ def _fewest(
     prior: Mapping[str, float],
     least: float,
     barely: float,
+    together: Sequence[tuple[str, ...]] = (),
 ) -> list[Fault]:
     """Faults t with t(first) - t(second) + t(divisor) within each relation's range: the cheapest set of up to three.
 
     A fault costs FAULT times its prior, whatever its size, a relation outside its range its correlation. Within a set
-    the sizes are those of least absolute deviations (a linear programme); those reported fit the middles of the ranges.
+    the sizes are those of least absolute deviations (a linear programme); those reported fit the middles of the ranges,
+    and of two sets that cost the same it is the one that fits these better. Signals ``together`` are one fault, too.
     A relation that is outside of its range by ``barely`` so much contradicts nothing.
     """
     low, high = np.array(ranges, dtype=np.float64).reshape(-1, 2).T
     broken = (low > barely) | (high < -barely)
     if not broken.any():
         return []
-    nodes = sorted({name(s) for r in relations for s in (r.first, r.second, r.divisor) if s})
+    nodes: list[tuple[str, ...]] = [(n,) for n in sorted({name(s) for r in relations for s in _names(r)})]
     rows = np.zeros((len(relations), len(nodes)))
     for row, relation in zip(rows, relations, strict=True):
         for signal, way in ((relation.first, 1.0), (relation.second, -1.0), (relation.divisor, 1.0)):
             if signal:
-                row[nodes.index(name(signal))] += way
+                row[nodes.index((name(signal),))] += way
+    groups = [group for group in together if all((member,) in nodes for member in group)]
+    rows = np.hstack([rows, *(rows[:, [nodes.index((m,)) for m in g]].sum(axis=1, keepdims=True) for g in groups)])
+    nodes += groups
     weight = np.array([abs(r.comparison.correlation) for r in relations])
-    price = FAULT * np.array([prior.get(node, 1.0) for node in nodes])
+    price = FAULT * np.array([min(prior.get(member, 1.0) for member in node) for node in nodes])
     contradicted = np.any(rows[broken] != 0.0, axis=0)
     beside = np.any(rows[np.any(rows[:, contradicted] != 0.0, axis=1)] != 0.0, axis=0)  # equally wrong, perhaps
     said = weight * (broken + _BESIDE * ~broken) @ np.abs(rows)
     suspects = sorted((int(k) for k in np.flatnonzero(beside)), key=lambda k: -float(said[k]))[:_MOST_SUSPECTS]
     best: tuple[int, ...] = ()
-    cheapest = float(weight @ broken)
-    for count in range(1, _MOST_TOGETHER + 1):
-        for chosen in combinations(suspects, count):
-            fixed = float(np.sum(price[list(chosen)]))
-            if fixed < cheapest:
-                _, outside = _least_deviations(rows[:, chosen], low, high, weight)
-                if fixed + float(weight @ outside) < cheapest - 1e-9:
-                    best, cheapest = chosen, fixed + float(weight @ outside)
-    sizes, _ = _least_deviations(rows[:, best], np.array(middle), np.array(middle), 1.0 / (high - low))
+    cheapest, sizes, misfit = float(weight @ broken), np.zeros(0), np.inf
+    for chosen in _sets(suspects, nodes):
+        fixed, columns = float(np.sum(price[list(chosen)])), rows[:, chosen]
+        if fixed > cheapest:
+            continue
+        cost = fixed + float(weight @ _least_deviations(columns, low, high, weight)[1])
+        if cost > cheapest + (_SAME_COST if best else -_SAME_COST):
+            continue
+        fitted, _ = _least_deviations(columns, np.array(middle), np.array(middle), 1.0 / (high - low))
+        away = float(np.sum(np.abs(columns @ fitted - middle) / (high - low)))
+        if cost < cheapest - _SAME_COST or away < misfit:
+            best, cheapest, sizes, misfit = chosen, cost, fitted, away
     found = []
     for column, size in zip(best, sizes, strict=True):
-        if abs(size) < least:  # a contradiction within one stream, such as of height and place
-            continue
-        evidence = sorted(map(int, np.flatnonzero(rows[:, column])), key=lambda i: (not broken[i], high[i] - low[i]))
-        found.append(Fault(nodes[column], float(size), tuple(relations[i] for i in evidence)))
+        for member in nodes[column] if abs(size) >= least else ():  # less contradicts itself, as height and place do
+            its = rows[:, nodes.index((member,))]
+            evidence = sorted(map(int, np.flatnonzero(its)), key=lambda i: (not broken[i], high[i] - low[i]))
+            found.append(Fault(member, float(size), tuple(relations[i] for i in evidence)))
     return found
+
+
+def _sets(suspects: Sequence[int], nodes: Sequence[tuple[str, ...]]) -> Iterator[tuple[int, ...]]:
+    """Sets of up to three suspects, none of which has a signal twice."""
+    for count in range(1, _MOST_TOGETHER + 1):
+        for chosen in combinations(suspects, count):
+            members = [member for k in chosen for member in nodes[k]]
+            if len(set(members)) == len(members):
+                yield chosen
+
+
+def _names(relation: Relation) -> list[str]:
+    return [signal for signal in (relation.first, relation.second, relation.divisor) if signal]
 
 
 def _least_deviations(rows: Array, low: Array, high: Array, weight: Array) -> tuple[Array, npt.NDArray[np.bool_]]:
