@@ -135,18 +135,21 @@ def delay_notes(parameters: Identifier) -> list[str]:
     if not found or late is None:
         return []
     size = f"{1e3 * abs(late.time):.0f} ± {1e3 * 2.0 * float(np.sqrt(late.variance)):.0f} ms"
-    if "lag" in found:
-        after = f"{-1e3 * found['delay']:.0f} ms later and " if "delay" in found else ""
+    if late.course.is_lag:
+        after = f"{1e3 * late.course.dead_time:.0f} ms later and " if late.course.dead_time else ""
         what = f"surfaces follow what is recorded of them {after}with a lag of {size} (servos)"
     elif late.time > 0.0:
         what = f"motion comes {size} later than the recorded surfaces (servos, filters, stamps)"
     else:
         what = f"motion comes {size} before the recorded surfaces (filters, stamps)"
     doubt = "" if late.probability > _SURE_OF_WAY else ", or as well in another way as late"
-    said = ", ".join(f"{key}: {value:.3f}" for key, value in found.items())
+    freed = "parameters are freed of it"
+    if parameters.learning.lends:
+        freed = f"those of {parameters.options.estimator} are not freed of it, but the surer only by it"
+    said = ", ".join(f"{key}: {value:.3f}" for key, (value, _) in found.items())
     return [
-        f"{what}{doubt}, and parameters are freed of it; `{said}` of control_surfaces under `sensors` of the aircraft "
-        "file says so from the start, and `--learn-sensors` writes it"
+        f"{what}{doubt}, and {freed}; `{said}` of control_surfaces under `sensors` of the aircraft file says so from "
+        "the start, `--learn-sensors` writes it as found, and `diagnose` tells a delay from a lag more finely"
     ]
 
 

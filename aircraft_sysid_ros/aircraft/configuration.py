@@ -12,7 +12,16 @@ import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import TEXTBOOK_TERMS, AerodynamicModel, model_from_terms
 from aircraft_sysid_ros.aircraft.atmosphere import STANDARD_GRAVITY
-from aircraft_sysid_ros.aircraft.file_values import between, check_keys, mapping_of, number_of, positive, reject, rising
+from aircraft_sysid_ros.aircraft.file_values import (
+    between,
+    check_keys,
+    mapping_of,
+    number_of,
+    positive,
+    reject,
+    rising,
+    said_or_found,
+)
 from aircraft_sysid_ros.aircraft.fleet_prior import FleetPrior, prior_from_dict, read_prior
 from aircraft_sysid_ros.aircraft.named_inputs import NamedInput, inputs_of
 from aircraft_sysid_ros.aircraft.sensor_settings import DEFAULT_PROCESS_NOISE, Sensor, process_noise_of, sensors_of
@@ -61,7 +70,7 @@ KEYS = {
         "`sideslip` also `scale` (measured = scale × true) and `drift` (of airspeed what it shows more per second as a "
         "share, of an angle rad/s, from when the filter starts), of the angles also `offset` [rad] "
         "(measured = scale × (true + offset + drift × time)), of `control_surfaces` also `lag` [s], the time constant "
-        "with which servos follow what is recorded",
+        "with which servos follow what is recorded, and of a lag or delay that was found `0.060 ± 0.003`",
         default="small UAV",
     ),
     "process_noise": Key(
@@ -247,16 +256,7 @@ def _position(data: Mapping[str, Any], key: str, span: float) -> Vector:
 
 def _coordinate(value: Any, name: str) -> tuple[float, float]:
     """A coordinate [m] and one sigma: 0 where it is said, NaN where nobody knows it, else that of what was found."""
-    if value is None:
-        return 0.0, np.nan
-    found, sign, sigma = value.partition("±") if isinstance(value, str) else (value, "", "0")
-    try:
-        parts = (float(found), float(sigma)) if sign else (number_of(found, name), 0.0)
-    except ValueError:
-        raise InputError(f"{name} must be a number, null, or one that was found, as 0.40 ± 0.02") from None
-    if not np.isfinite(parts).all() or not parts[1] >= 0.0:
-        raise InputError(f"{name} must be a finite number, and what follows ± 0 or more")
-    return parts
+    return (0.0, np.nan) if value is None else said_or_found(value, name, "0.40 ± 0.02", "null, ")
 
 
 def _unsaid(data: Mapping[str, Any]) -> dict[tuple[str, str], float]:

@@ -73,6 +73,21 @@ def number_of(value: Any, what: str) -> float:
     return number
 
 
+def said_or_found(value: Any, what: str, example: str, also: str = "") -> tuple[float, float]:
+    """A number and one sigma: 0 where it is said, else that of one that was found, such as "0.40 ± 0.02".
+
+    ``also``: what else there may be, in words. Raises InputError.
+    """
+    found, sign, sigma = value.partition("±") if isinstance(value, str) else (value, "", "0")
+    try:
+        parts = (float(found), float(sigma)) if sign else (number_of(found, what), 0.0)
+    except ValueError:
+        raise InputError(f"{what} must be a number, {also}or one that was found, as {example}") from None
+    if not np.isfinite(parts).all() or not parts[1] >= 0.0:
+        raise InputError(f"{what} must be a finite number, and what follows ± 0 or more")
+    return parts
+
+
 def positive(value: Any, what: str) -> float:
     """A number above 0. Raises InputError."""
     found = number_of(value, what)

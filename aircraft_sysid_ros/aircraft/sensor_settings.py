@@ -6,7 +6,15 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from aircraft_sysid_ros.aircraft.file_values import LEAST_NOISE, between, check_keys, number_of, positive, reject
+from aircraft_sysid_ros.aircraft.file_values import (
+    LEAST_NOISE,
+    between,
+    check_keys,
+    number_of,
+    positive,
+    reject,
+    said_or_found,
+)
 from aircraft_sysid_ros.errors import InputError
 
 
@@ -25,6 +33,7 @@ class Sensor:
     drift: float = 0.0  # [1/s] of the scale of an airspeed, [rad/s] of an angle, from when the filter starts
     offset: float = 0.0  # [rad] of an angle of flow
     lag: float = 0.0  # [s] time constant with which servos follow what is recorded of the control surfaces
+    late_std: float = 0.0  # [s] one sigma of a delay or a lag of those that was found
 
 
 #: A small UAV. Units of the noise: m/s^2, rad/s, rad, rad (of heading), m (N, E, D), m/s (N, E, D), m/s, rad,
@@ -71,6 +80,7 @@ _NOISE: dict[str, tuple[str, float]] = {
     "five_hole_probe": ("Pa", 1e5), "control_surfaces": ("rad", 10.0), "height_above_ground": ("m", 1e4),
 }  # fmt: skip
 _RATES = (0.01, 1e5)  # [Hz]
+_LATE = ("delay", "lag")
 #: Random walks [unit of the state per square root of a second].
 DEFAULT_PROCESS_NOISE = {"accelerometer_bias": 5e-4, "gyro_bias": 2e-5, "wind": 0.2}
 _LARGEST_PROCESS_NOISE = {"accelerometer_bias": ("m/s²", 10.0), "gyro_bias": ("rad/s", 1.0), "wind": ("m/s", 100.0)}
@@ -92,11 +102,14 @@ def _noise(value: Any, name: str, sizes: tuple[int, ...], members: tuple[str, ..
 def sensors_of(data: Mapping[str, Any]) -> dict[str, Sensor]:
     """All sensors, as the file has them or by default. Raises InputError."""
     check_keys(data, (*DEFAULT_SENSORS, *SENSOR_GROUPS, *SENSOR_ALIASES), "sensor")
+    for alias, name in SENSOR_ALIASES.items():
+        if alias in data and name in data:
+            raise InputError(f"sensors {alias} and {name} are the same: put what is known of it under {name}")
     sensors = dict(DEFAULT_SENSORS)
     for name in sorted(data, key=lambda key: key not in SENSOR_GROUPS):  # a sensor goes before its group
         value = {} if data[name] is None else data[name]
         if not isinstance(value, Mapping):
-            reject(f"sensor {name}", "a mapping with noise, rate and delay", value)
+            reject(f"sensor {name}", "a mapping with noise, rate, delay and what else it has", value)
         check_keys(value, ("noise", "rate", "delay", "lag", "scale", "drift", "offset"), f"key of sensor {name}:")
         members = SENSOR_GROUPS.get(name, (SENSOR_ALIASES.get(name, name),))
         for i, member in enumerate(members):
@@ -116,15 +129,15 @@ def _sensor(base: Sensor, value: Mapping[str, Any], name: str, i: int, members: 
             noise = _noise(value["noise"], name, (1, 3) if of_gps else (1,), members)
         if of_gps and len(noise) == 1:
             noise = noise * 3
-    delay = base.delay if value.get("delay") is None else number_of(value["delay"], f"the delay of sensor {name}")
+    delay, lag = (_late(value.get(key), getattr(base, key), f"the {key} of sensor {name}", member) for key in _LATE)
+    late_std = max(delay[1], lag[1]) or base.late_std
     least = -0.5 if member == CONTROLS else 0.0  # recorded commands run ahead of the surfaces
-    if not least <= delay <= 2.0:
-        raise InputError(f"the delay of sensor {name} must be between {least:g} and 2 s, not {delay:g}")
-    lag = base.lag if value.get("lag") is None else number_of(value["lag"], f"the lag of sensor {name}")
-    if lag and member != CONTROLS:
+    if not least <= delay[0] <= 2.0:
+        raise InputError(f"the delay of sensor {name} must be between {least:g} and 2 s, not {delay[0]:g}")
+    if lag[0] and member != CONTROLS:
         raise InputError(f"sensor {name} has no lag: only {CONTROLS} has one; a sensor that is late has a delay")
-    if not 0.0 <= lag <= LONGEST_LAG:
-        raise InputError(f"the lag of sensor {name} must be between 0 and {LONGEST_LAG:g} s, not {lag:g}")
+    if not 0.0 <= lag[0] <= LONGEST_LAG:
+        raise InputError(f"the lag of sensor {name} must be between 0 and {LONGEST_LAG:g} s, not {lag[0]:g}")
     rate = base.rate if value.get("rate") is None else positive(value["rate"], f"the rate of sensor {name}")
     between(rate, f"the rate of sensor {name}", _RATES, "Hz")
     scale = _of_air_data(base.scale, value, "scale", name, member, (0.2, 5.0))
@@ -132,7 +145,25 @@ def _sensor(base: Sensor, value: Mapping[str, Any], name: str, i: int, members: 
     offset = _of_air_data(base.offset, value, "offset", name, member, (-LARGEST_OFFSET, LARGEST_OFFSET))
     if offset and member == "airspeed":
         raise InputError("sensors that may have an offset: angle_of_attack, sideslip, not airspeed")
-    return Sensor(noise, rate, delay, given, scale, drift, offset, lag)
+    return Sensor(noise, rate, delay[0], given, scale, drift, offset, lag[0], late_std)
+
+
+def _late(value: Any, base: float, what: str, member: str) -> tuple[float, float]:
+    """By how much something is late [s], and one sigma of what was found of the surfaces; 0: it is said."""
+    if value is None:
+        return base, 0.0
+    return said_or_found(value, what, "0.060 ± 0.003") if member == CONTROLS else (number_of(value, what), 0.0)
+
+
+def described(data: Mapping[str, Any]) -> set[str]:
+    """Names of sensors and groups of which a file says more than the noise: what is null is not said, and a delay or a
+    lag with ± was found.
+    """
+    return {
+        SENSOR_ALIASES.get(name, name)
+        for name, value in data.items()
+        if any(key != "noise" and said is not None and "±" not in str(said) for key, said in (value or {}).items())
+    }
 
 
 def _of_air_data(

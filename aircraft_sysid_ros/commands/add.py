@@ -75,12 +75,14 @@ def render(result: dict[str, Any]) -> str:
     lines.append("")
     for p in result["parameters"]:
         lines.append(f"{p['name']} = {p['value']:.4g} ± {p['std']:.2g}")
-    lines += [_of_setting(**setting) for setting in result["settings"]]
+    lines += [_of_setting(**setting, gone="removed" in result) for setting in result["settings"]]
     lines += [result["verdict"], f"aircraft file {result['aircraft']}", *picture_lines(result)]
     return "\n".join(lines)
 
 
-def _of_setting(key: str, value: float) -> str:
+def _of_setting(key: str, value: float, gone: bool) -> str:
+    if gone:
+        return f"{key} is as it was before it was added"
     if "_position." in key:  # a place is moved, by shares of the span
         return f"{key} is {abs(value):.3g} of the span {'less' if value < 0.0 else 'more'} in the aircraft file"
     return f"{key} = {value:.4g} in the aircraft file"

@@ -28,7 +28,7 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
     parser.add_argument(
         "--aircraft",
         metavar="FILE",
-        help="aircraft file (YAML): its delays and signs of surfaces count as known, its named inputs are looked at, "
+        help="aircraft file (YAML): its delays, lag and signs of surfaces are known, its named inputs are looked at, "
         "and the terms of its model are asked for (default: the textbook's 32)",
     )
     parser.add_argument(

@@ -50,7 +50,7 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
         "--learn-sensors",
         metavar="FILE",
         help="write the aircraft file with what the flight shows and it does not say: noise of sensors and gusts, "
-        "delay of the surfaces, place of the vane",
+        "delay and lag of the surfaces, place of the vane",
     )
     parser.add_argument(
         "--as-live",

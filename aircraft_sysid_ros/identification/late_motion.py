@@ -86,18 +86,20 @@ class Late(NamedTuple):
         return self.course.dead_time + self.time
 
 
-UNKNOWN = (Late(DELAY, 1.0, 0.0, USUAL**2),)
-
-
 class LateMotion:
     """Follows samples of the coefficients, and says how late motion is recorded: ``ways``."""
+
+    def __init__(self, usual: float = USUAL) -> None:
+        """``usual``: one sigma [s] of what is not known before."""
+        self._usual = usual
+        self._unknown = (Late(DELAY, 1.0, 0.0, usual**2),)
 
     def adopt(self, offsets: Columns, derivatives: Sequence[Columns]) -> None:
         """Another model, with the places (3,) of the derivatives by SURFACES in each axis, -1: none."""
         self._offsets, self._derivatives = offsets, derivatives
         size = int(np.diff(offsets).max()) + _MADE
         self._moments, self._counts = np.zeros((len(_MOMENTS), size, size)), np.zeros(len(_MOMENTS))
-        self.ways: tuple[Late, ...] = UNKNOWN
+        self.ways: tuple[Late, ...] = self._unknown
         self.restart_clock()
 
     def restart_clock(self) -> None:
@@ -145,11 +147,11 @@ class LateMotion:
         ]
         known = [each for each in asked if each is not None]
         if not known:
-            self.ways = UNKNOWN
+            self.ways = self._unknown
             return
         coarse = [_profiles(known, course, _LAGS if course.is_lag else _DELAYS) for course in COURSES]
         variances = np.min([profile.variances(known) for profile in coarse], axis=0)
-        best = [profile.times[int(np.argmin(profile.whole(variances)))] for profile in coarse]
+        best = [profile.times[int(np.argmin(self._whole(profile, variances)))] for profile in coarse]
         near = [
             time + _FINE[time + _FINE >= (0.0 if course.is_lag else _DELAYS[0])]
             for course, time in zip(COURSES, best, strict=True)
@@ -157,15 +159,20 @@ class LateMotion:
         fine = [_profiles(known, course, times) for course, times in zip(COURSES, near, strict=True)]
         each = [one.beside(other) for one, other in zip(coarse, fine, strict=True)]
         alone = sum(np.min(np.hstack([profile.left for profile in each]), axis=1) / variances)
-        least = min(float(np.min(profile.whole(variances))) for profile in each)
+        least = min(float(np.min(self._whole(profile, variances))) for profile in each)
         apart = max((least - float(alone)) / len(known), 1.0)  # they do not agree, or with what delays are
-        weights = [profile.steps() * np.exp(-0.5 * (profile.whole(variances) - least) / apart) for profile in each]
+        beyond = [(self._whole(profile, variances) - least) / apart for profile in each]
+        weights = [profile.steps() * np.exp(-0.5 * more) for profile, more in zip(each, beyond, strict=True)]
         whole = float(sum(np.sum(weight) for weight in weights))
         sampled = (_SAMPLED * (interval * LOWEST_RATE) ** 2) ** 2
         self.ways = tuple(
             _way(course, profile.times, weight / whole, sampled)
             for course, profile, weight in zip(COURSES, each, weights, strict=True)
         )
+
+    def _whole(self, profile: _Profile, variances: Array) -> Array:
+        """Chi square (t,) of all moments, with what is known before."""
+        return np.asarray(profile.times**2 / self._usual**2 + (1.0 / variances) @ profile.left)
 
 
 def _way(course: Course, times: Array, weights: Array, sampled: float) -> Late:
@@ -214,10 +221,6 @@ class _Profile(NamedTuple):
         free = np.array([asked.free for asked in known])[:, None]
         spare = np.array([asked.spare for asked in known])[:, None]
         return np.asarray(np.min(np.maximum(np.maximum(self.rest, 0.0) / free, self.left / spare), axis=1))
-
-    def whole(self, variances: Array) -> Array:
-        """Chi square (t,) of all moments, with what is known before."""
-        return np.asarray(self.times**2 / USUAL**2 + (1.0 / variances) @ self.left)
 
     def beside(self, other: _Profile) -> _Profile:
         """Both, in order of time."""

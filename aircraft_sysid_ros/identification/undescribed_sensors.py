@@ -47,6 +47,7 @@ import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, AerodynamicModel
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
+from aircraft_sysid_ros.aircraft.sensor_settings import described
 from aircraft_sysid_ros.aircraft.signals import SIGNAL_INDEX
 from aircraft_sysid_ros.aircraft.unsaid_places import doubt_of_imu, doubt_of_vanes
 from aircraft_sysid_ros.identification.coefficients.flow_angles import angle_at
@@ -62,7 +63,7 @@ from aircraft_sysid_ros.identification.coefficients.layout import (
     CoefficientBatch,
 )
 from aircraft_sysid_ros.identification.coefficients.signals import flow_angle_rates
-from aircraft_sysid_ros.identification.late_motion import Late, LateMotion
+from aircraft_sysid_ros.identification.late_motion import USUAL, Late, LateMotion
 from aircraft_sysid_ros.identification.moved_surfaces import (
     COUNT,
     FORMS,
@@ -204,16 +205,22 @@ def _freeing(forms: Array, derivatives: npt.NDArray[np.int64], way: Late) -> tup
     return np.asarray(np.linalg.inv(np.eye(n) - turn * min(1.0, _MOST / max(largest, 1e-9)))), change
 
 
+def _usual_lateness(aircraft: Aircraft) -> float:
+    """One sigma [s] of how late surfaces are before a flight says so: of this one, or of one that has found it."""
+    found = aircraft.sensors["control_surfaces"].late_std
+    return max(found, _SAMPLED) if found > 0.0 else USUAL
+
+
 class UndescribedSensors:
     """Follows the motion, and says what vanes that nobody described leave in doubt."""
 
     def __init__(self, aircraft: Aircraft) -> None:
-        of_file = aircraft.source.get("sensors") or {}
-        described = {name for name, said in of_file.items() if {*(said or {})} - {"noise"}}
-        self._asked = np.array([not {sensor, _GROUP} & described for sensor in _SENSORS])
+        self._aircraft = aircraft
+        said = described(aircraft.source.get("sensors") or {})
+        self._asked = np.array([not {sensor, _GROUP} & said for sensor in _SENSORS])
         self._place = doubt_of_imu(aircraft)
         self._vane_place = doubt_of_vanes(aircraft)
-        self._motion = None if _OF_MOTION & described else LateMotion()
+        self._motion = None if _OF_MOTION & said else LateMotion(_usual_lateness(aircraft))
         self._surfaces = MovedSurfaces()
         self._any = bool(self._asked.any() or aircraft.unsaid or self._motion)
         self._out_on_wing = aircraft.span * UNSEEN if np.isnan(aircraft.unsaid.get(_SIDEWAYS, 0.0)) else 0.0
@@ -324,13 +331,16 @@ class UndescribedSensors:
         return None if self._motion is None else self._motion.best
 
     @property
-    def late_surfaces(self) -> dict[str, float]:
-        """What the aircraft file would have to say of control_surfaces that nothing is late, delay or lag [s] or both;
-        nothing where the flight shows neither.
+    def late_surfaces(self) -> dict[str, tuple[float, float]]:
+        """What the aircraft file would have to say of control_surfaces that nothing is late, delay or lag [s] or both,
+        each with one sigma; nothing where the flight shows neither.
         """
         if self._motion is None or not self._motion.is_found:
             return {}
-        return self._motion.best.course.in_file(self._motion.best.time)
+        best, surfaces = self._motion.best, self._aircraft.sensors["control_surfaces"]
+        std = float(np.sqrt(self._motion.whole[1]))
+        late = {key: value + getattr(surfaces, key) for key, value in best.course.in_file(best.time).items()}
+        return {key: (value, max(std, 0.001)) for key, value in late.items()}
 
     def errors(self) -> tuple[Array, Array]:
         """Mean (2, 2) of (scale - 1, lag [s]) of each angle, and covariance (2, 2, 2); none of what is described."""

@@ -152,13 +152,13 @@ def noise_notes(state: StateEstimator) -> list[str]:
 
 def completed_file(
     state: StateEstimator,
-    late_surfaces: Mapping[str, float] | None = None,
+    late_surfaces: Mapping[str, tuple[float, float]] | None = None,
     vane_place: tuple[float, float] | None = None,
 ) -> dict[str, Any]:
     """The content of the aircraft file with what the flight has shown, where the file says nothing.
 
-    ``late_surfaces``: delay or lag [s] that the second step has found of them. ``vane_place`` [m]: how far to the right
-    of the centre of gravity the check in flight has found the vane, and one sigma.
+    ``late_surfaces``: delay or lag [s] that the second step has found of them, and one sigma. ``vane_place`` [m]: how
+    far to the right of the centre of gravity the check in flight has found the vane, and one sigma.
     """
     source = copy.deepcopy(state.aircraft.source)
     sensors = {name: dict(value or {}) for name, value in (source.get("sensors") or {}).items()}
@@ -168,7 +168,8 @@ def completed_file(
             noise = each.in_use if is_gps else np.sqrt(np.mean(each.in_use**2, keepdims=True))
             sensors.setdefault(each.name, {})["noise"] = _rounded(noise) if is_gps else _rounded(noise)[0]
     if late_surfaces:
-        sensors.setdefault("control_surfaces", {}).update((key, round(late, 4)) for key, late in late_surfaces.items())
+        late = {key: f"{value:.3f} ± {std:.3f}" for key, (value, std) in late_surfaces.items()}
+        sensors.setdefault("control_surfaces", {}).update(late)
     if sensors:
         source["sensors"] = sensors
     if vane_place is not None:

@@ -6,6 +6,7 @@ import pytest
 from aircraft_sysid_ros.after_flight.replay_notes import delay_notes
 from aircraft_sysid_ros.aircraft.configuration import Aircraft, aircraft_from_dict
 from aircraft_sysid_ros.identification.coefficients.layout import SIGNALS_OF_SAMPLE
+from aircraft_sysid_ros.identification.identifier import Identifier
 from aircraft_sysid_ros.identification.late_motion import USUAL, LateMotion
 from aircraft_sysid_ros.identification.moved_surfaces import (
     COUNT,
@@ -91,22 +92,40 @@ def test_the_delay_is_said_and_the_completed_file_has_it() -> None:
         pipeline = flown(of_shape(flight.aircraft), early(flight.samples, late))
         said = delay_notes(pipeline.parameters)
         learnt = completed_file(pipeline.state, pipeline.parameters.learning.undescribed.late_surfaces)
-        delay = learnt["sensors"].get("control_surfaces", {}).get("delay")
-        assert bool(said) == (delay is not None) == (late > 0.0)
+        written = learnt["sensors"].get("control_surfaces", {}).get("delay")
+        assert bool(said) == (written is not None) == (late > 0.0)
         if late:
-            assert delay == pytest.approx(-late, abs=0.008)
+            delay, std = map(float, written.split("±"))
+            assert delay == pytest.approx(-late, abs=3.0 * std)
+            assert std < 0.004
             assert f"delay: {delay:.3f}" in said[0]
 
 
-def test_the_completed_file_has_the_lag_and_is_believed() -> None:
+def test_the_completed_file_has_the_lag_as_far_as_it_was_found() -> None:
     flight = simulate_samples(default_aircraft(), 46, 60.0, sensors=SensorOptions(command_lag=0.05))
     pipeline = flown(of_shape(flight.aircraft), flight.samples)
     learnt = completed_file(pipeline.state, pipeline.parameters.learning.undescribed.late_surfaces)
-    assert learnt["sensors"]["control_surfaces"]["lag"] == pytest.approx(0.05, abs=0.008)
-    told = flown(aircraft_from_dict(learnt), flight.samples).parameters
-    assert told.learning.undescribed.late_motion is None
+    lag, std = map(float, learnt["sensors"]["control_surfaces"]["lag"].split("±"))
+    assert lag == pytest.approx(0.05, abs=3.0 * std)
+    again = aircraft_from_dict(learnt)
+    assert (again.sensors["control_surfaces"].lag, again.sensors["control_surfaces"].late_std) == (lag, std)
+    told = flown(again, flight.samples).parameters
+    left = told.learning.undescribed.late_motion
+    assert left is not None
+    assert abs(left.whole) < 0.012  # and still in doubt
+    used = [p for p in told.snapshot().parameters if p.status is Trust.USE]
+    assert len(used) >= 12
+    assert max(abs(p.value - flight.coefficients[p.name]) / p.std for p in used) < 3.0
     by = {p.name: p.value for p in told.snapshot().parameters}
     assert by["Cl_p"] == pytest.approx(flight.coefficients["Cl_p"], rel=0.1)
+
+
+@pytest.mark.parametrize("unsaid", [{"lag": None}, {"delay": None, "noise": 0.002}, {"lag": "0.00 ± 0.02"}, {}])
+def test_what_is_null_or_was_found_is_not_said(unsaid) -> None:
+    learning = Identifier(of_shape(default_aircraft(), sensors={"control_surfaces": unsaid})).learning
+    assert learning.undescribed.late_motion is not None
+    said = Identifier(of_shape(default_aircraft(), sensors={"controls": {"lag": 0.0}})).learning
+    assert said.undescribed.late_motion is None
 
 
 def test_a_file_that_says_when_is_believed() -> None:
