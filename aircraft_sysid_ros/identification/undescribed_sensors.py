@@ -63,7 +63,7 @@ from aircraft_sysid_ros.identification.coefficients.layout import (
     CoefficientBatch,
 )
 from aircraft_sysid_ros.identification.coefficients.signals import flow_angle_rates
-from aircraft_sysid_ros.identification.late_motion import USUAL, Late, LateMotion
+from aircraft_sysid_ros.identification.late_motion import Late, LateMotion
 from aircraft_sysid_ros.identification.moved_surfaces import (
     COUNT,
     FORMS,
@@ -205,12 +205,6 @@ def _freeing(forms: Array, derivatives: npt.NDArray[np.int64], way: Late) -> tup
     return np.asarray(np.linalg.inv(np.eye(n) - turn * min(1.0, _MOST / max(largest, 1e-9)))), change
 
 
-def _usual_lateness(aircraft: Aircraft) -> float:
-    """One sigma [s] of how late surfaces are before a flight says so: of this one, or of one that has found it."""
-    found = aircraft.sensors["control_surfaces"].late_std
-    return max(found, _SAMPLED) if found > 0.0 else USUAL
-
-
 class UndescribedSensors:
     """Follows the motion, and says what vanes that nobody described leave in doubt."""
 
@@ -220,7 +214,7 @@ class UndescribedSensors:
         self._asked = np.array([not {sensor, _GROUP} & said for sensor in _SENSORS])
         self._place = doubt_of_imu(aircraft)
         self._vane_place = doubt_of_vanes(aircraft)
-        self._motion = None if _OF_MOTION & said else LateMotion(_usual_lateness(aircraft))
+        self._motion = None if _OF_MOTION & said else LateMotion(aircraft.sensors["control_surfaces"].late_std)
         self._surfaces = MovedSurfaces()
         self._any = bool(self._asked.any() or aircraft.unsaid or self._motion)
         self._out_on_wing = aircraft.span * UNSEEN if np.isnan(aircraft.unsaid.get(_SIDEWAYS, 0.0)) else 0.0
