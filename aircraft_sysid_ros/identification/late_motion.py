@@ -58,7 +58,7 @@ _SURE, _WORTH = 3.0, 0.005
 #: One sigma [s] of what happens between samples at LOWEST_RATE; it goes with the square of the interval. A judgement,
 #: on a flight at 10 Hz that showed 16 ms and had none.
 _SAMPLED = 0.012
-#: One sigma of what no time of a way says, as a share of it: of a dead time of 20 ms and a lag of 60 ms, in gusts, 74 or
+#: One sigma of what no time of a way says, as a share: of a dead time of 20 ms and a lag of 60 ms, in gusts, 74 or
 #: 75 ms were found in each of three flights.
 _WRONG = 0.06
 #: Least samples that are summed.
