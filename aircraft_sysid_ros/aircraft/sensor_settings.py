@@ -99,6 +99,11 @@ def _noise(value: Any, name: str, sizes: tuple[int, ...], members: tuple[str, ..
     return noise
 
 
+def by_name(data: Mapping[str, Any] | None) -> dict[str, dict[str, Any]]:
+    """What a file says of its sensors, each by its own name and not by an alias: a copy."""
+    return {SENSOR_ALIASES.get(name, name): dict(said or {}) for name, said in (data or {}).items()}
+
+
 def sensors_of(data: Mapping[str, Any]) -> dict[str, Sensor]:
     """All sensors, as the file has them or by default. Raises InputError."""
     check_keys(data, (*DEFAULT_SENSORS, *SENSOR_GROUPS, *SENSOR_ALIASES), "sensor")

@@ -22,7 +22,7 @@ import numpy as np
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.aircraft.configuration import Aircraft, aircraft_from_dict
 from aircraft_sysid_ros.aircraft.expression import parse_expression
-from aircraft_sysid_ros.aircraft.sensor_settings import SENSOR_GROUPS
+from aircraft_sysid_ros.aircraft.sensor_settings import SENSOR_GROUPS, by_name
 from aircraft_sysid_ros.aircraft.signals import SURFACE_WORDS
 
 AERODYNAMIC, CHANGE, MEASUREMENT = "aerodynamic", "change in flight", "measurement"
@@ -229,6 +229,8 @@ def with_setting(aircraft: Aircraft, setting: tuple[str, ...], value: float) -> 
         source[setting[0]] = [*(source.get(setting[0]) or [None] * 3)]
         source[setting[0]][at] = float(getattr(aircraft, setting[0])[at] + value * aircraft.span)
     else:
+        if setting[0] == "sensors":
+            source["sensors"] = by_name(source.get("sensors"))
         for name in SENSOR_GROUPS.get(setting[1], (setting[1],)):
             place = source
             for key in (setting[0], name)[: len(setting) - 1]:

@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.configuration import Aircraft, aircraft_from_dict
+from aircraft_sysid_ros.aircraft.sensor_settings import by_name
 from aircraft_sysid_ros.reconstruction.filter_setup import SENSOR_OF_KIND
 from aircraft_sysid_ros.reconstruction.sensor_noise import (
     BASE,
@@ -161,7 +162,7 @@ def completed_file(
     far to the right of the centre of gravity the check in flight has found the vane, and one sigma.
     """
     source = copy.deepcopy(state.aircraft.source)
-    sensors = {name: dict(value or {}) for name, value in (source.get("sensors") or {}).items()}
+    sensors = by_name(source.get("sensors"))
     for each in found_noise(state):
         if each.source == FLIGHT:
             is_gps = each.name in ("gps_position", "gps_velocity")

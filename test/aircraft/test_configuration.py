@@ -7,7 +7,9 @@ import yaml
 from aircraft_sysid_ros.aircraft.aerodynamic_model import TEXTBOOK_TERMS, textbook_model
 from aircraft_sysid_ros.aircraft.configuration import aircraft_from_dict, inertia_matrix, load_aircraft
 from aircraft_sysid_ros.aircraft.sensor_settings import DEFAULT_PROCESS_NOISE, DEFAULT_SENSORS
+from aircraft_sysid_ros.effects.effect import with_setting
 from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.simulation.simulated_flight import default_aircraft
 
 MINIMAL = """\
 name: Small
@@ -388,3 +390,11 @@ def test_coordinates_that_nobody_knows_and_that_were_found_are_kept_apart():
     for wrong in ("0.4 ± x", "0.4 ±", "0.4 ± -1", "nan ± 1", "1e400 ± 1"):
         with pytest.raises(InputError, match="y of imu_position must be"):
             aircraft_from_dict({**yaml.safe_load(MINIMAL), "imu_position": [0, wrong, 0]})
+
+
+def test_a_sensor_that_a_file_has_by_its_alias_keeps_what_is_said_of_it_when_more_is_put_there():
+    aircraft = aircraft_from_dict(
+        {**default_aircraft().source, "sensors": {"controls": {"rate": 40.0, "noise": 0.003}}}
+    )
+    moved = with_setting(aircraft, ("sensors", "control_surfaces", "lag"), 0.06).sensors["control_surfaces"]
+    assert (moved.rate, moved.noise, moved.lag) == (40.0, (0.003,), 0.06)

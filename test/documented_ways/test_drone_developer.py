@@ -130,9 +130,9 @@ def same_as_written(values, run, truth):
 
 
 def controlled(user):
-    """The example flies, and hears the parameters, which come once in a second."""
-    flight = user.ask("fly", "--seconds", 12, "--rate", 2)
-    assert flight["case"] == "elevator" and flight["seconds"] == pytest.approx(12.0)
+    """The example flies in step, long enough that the estimators, who are behind, have sent their parameters."""
+    flight = user.ask("fly", "--seconds", 40, "--rate", 0)
+    assert flight["case"] == "elevator" and flight["seconds"] == pytest.approx(40.0)
     assert flight["problems"] == [] and flight["lost_at"] is None
     assert flight["messages_of_parameters"] > 0 and flight["refused"] == 0
     assert flight["tracking_error_deg_before"] < 5.0
