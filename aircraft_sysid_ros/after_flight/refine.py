@@ -64,18 +64,20 @@ def with_late_surfaces(data: RunData) -> tuple[RunData, list[str]]:
 
     ``replay`` has freed its parameters of it, and a fit of the recorded surfaces would lose that.
     """
-    if CONTROLS in described(data.aircraft.source.get("sensors") or {}):
+    if CONTROLS in described(data.aircraft.source.get("sensors")):
         return data, []
     pipeline = Pipeline(data.aircraft, options_after_flight(data.samples, data.calm_air))
     pipeline.push(data.samples)
     pipeline.flush()
     found = pipeline.parameters.learning.undescribed.late_surfaces
+    if not found:
+        return data, []
     aircraft = data.aircraft
     for key, (value, _) in found.items():
         aircraft = with_setting(aircraft, ("sensors", CONTROLS, key), value)
     said = " and a ".join(f"{key} of {value:.3f} s" for key, (value, _) in found.items())
     note = f"surfaces are taken to follow what is recorded with a {said}, as this flight shows: state what you know"
-    return replace(data, aircraft=aircraft), [note] if found else []
+    return replace(data, aircraft=aircraft), [note]
 
 
 def refined_name(method: str) -> str:

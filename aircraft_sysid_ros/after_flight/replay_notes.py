@@ -145,7 +145,7 @@ def delay_notes(parameters: Identifier) -> list[str]:
     doubt = "" if late.probability > _SURE_OF_WAY else ", or as well in another way as late"
     freed = "parameters are freed of it"
     if parameters.learning.lends:
-        freed = f"those of {parameters.options.estimator} are not freed of it, but the surer only by it"
+        freed = f"those of {parameters.learning.published['published']} are not freed of it, but the surer only by it"
     said = ", ".join(f"{key}: {value:.3f}" for key, (value, _) in found.items())
     return [
         f"{what}{doubt}, and {freed}; `{said}` of control_surfaces under `sensors` of the aircraft file says so from "

@@ -160,14 +160,14 @@ def _late(value: Any, base: float, what: str, member: str) -> tuple[float, float
     return said_or_found(value, what, "0.060 ± 0.003") if member == CONTROLS else (number_of(value, what), 0.0)
 
 
-def described(data: Mapping[str, Any]) -> set[str]:
+def described(data: Mapping[str, Any] | None) -> set[str]:
     """Names of sensors and groups of which a file says more than the noise: what is null is not said, and a delay or a
     lag with ± was found.
     """
     return {
-        SENSOR_ALIASES.get(name, name)
-        for name, value in data.items()
-        if any(key != "noise" and said is not None and "±" not in str(said) for key, said in (value or {}).items())
+        name
+        for name, value in by_name(data).items()
+        if any(key != "noise" and said is not None and "±" not in str(said) for key, said in value.items())
     }
 
 

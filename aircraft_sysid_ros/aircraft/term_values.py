@@ -61,6 +61,14 @@ def rate_limited(values: npt.NDArray[np.float64], rate: float, step: float) -> n
 
 
 @njit(cache=True)
+def lagged(y: float, before: float, now: float, step: float, tau: float) -> float:
+    """What y is after a step [s] in which x goes straight from ``before`` to ``now``: tau y' + y = x, exactly."""
+    kept = np.exp(-step / tau)
+    mean = (1.0 - kept) * tau / step  # of exp(-t / tau) over the step
+    return kept * y + (mean - kept) * before + (1.0 - mean) * now
+
+
+@njit(cache=True)
 def follow_lags(
     code: npt.NDArray[np.float64],
     offsets: npt.NDArray[np.int64],
@@ -89,9 +97,7 @@ def follow_lags(
             elif taus[k] <= 0.0:
                 y = _moved(y, x, most)
             else:
-                kept = np.exp(-step / taus[k])
-                mean = (1.0 - kept) * taus[k] / step  # of exp(-t / tau) over the step
-                y = kept * y + (mean - kept) * x0 + (1.0 - mean) * x
+                y = lagged(y, x0, x, step, taus[k])
             memory[k, 0], memory[k, 1], memory[k, 2] = times[i], x, y
             rows[i, FIRST_LAG + k] = y
 

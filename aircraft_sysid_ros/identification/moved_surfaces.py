@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, AerodynamicModel
 from aircraft_sysid_ros.aircraft.signals import SIGNAL_INDEX
+from aircraft_sysid_ros.aircraft.term_values import lagged
 from aircraft_sysid_ros.identification.coefficients.layout import SIGNALS_OF_SAMPLE
 from aircraft_sysid_ros.kernels import njit
 
@@ -149,11 +150,10 @@ def look_ahead(samples: Array, forms: Array) -> None:
 
 @njit(cache=True)
 def _lagged(value: float, before: float, now: float, step: float, lag: float) -> float:
-    """What follows with a lag [s], a step [s] after it had a value; see ``servo_lag``."""
+    """What follows with a lag [s], a step [s] after it had a value; at once where it has none, or no lag."""
     if lag <= 0.0 or not np.isfinite(value + before):
         return now
-    behind = lag * (now - before) / step
-    return now - behind + (value - before + behind) * np.exp(-step / lag)
+    return float(lagged(value, before, now, step, lag))
 
 
 @njit(cache=True)

@@ -161,14 +161,13 @@ class SensorDoubt(NamedTuple):
             self._late(all_rows[_FORMS:], derivatives_of(model, axis), theta, shift, left, found)
         return OfSensors(shift, left, found)
 
-    def freeing(self, model: AerodynamicModel, axis: int) -> Array:
-        """What frees the parameters of an axis (n,) of late surfaces in the more probable way, (n, n)."""
+    def freeing(self, model: AerodynamicModel, axis: int, way: Late) -> Array:
+        """What frees the parameters of an axis (n,) of surfaces that are late in one way, (n, n)."""
         n = len(model.terms[AXES[axis]])
         forms = self.regressions[axis, _FORMS:, :n]
         if not np.isfinite(forms).all():
             return np.eye(n)
-        likelier = max(self.late, key=_probability)
-        return _freeing(forms.reshape(COUNT, FORMS, n), derivatives_of(model, axis), likelier)[0]
+        return _freeing(forms.reshape(COUNT, FORMS, n), derivatives_of(model, axis), way)[0]
 
     def _late(
         self, rows: Array, derivatives: npt.NDArray[np.int64], theta: Array, shift: Array, left: Array, found: Array
@@ -184,10 +183,6 @@ class SensorDoubt(NamedTuple):
         shift += mean - theta
         found += np.outer(mean - theta, mean - theta)
         left += square - np.outer(mean, mean)
-
-
-def _probability(way: Late) -> float:
-    return way.probability
 
 
 def _freeing(forms: Array, derivatives: npt.NDArray[np.int64], way: Late) -> tuple[Array, Array]:
@@ -210,7 +205,7 @@ class UndescribedSensors:
 
     def __init__(self, aircraft: Aircraft) -> None:
         self._aircraft = aircraft
-        said = described(aircraft.source.get("sensors") or {})
+        said = described(aircraft.source.get("sensors"))
         self._asked = np.array([not {sensor, _GROUP} & said for sensor in _SENSORS])
         self._place = doubt_of_imu(aircraft)
         self._vane_place = doubt_of_vanes(aircraft)
@@ -238,8 +233,8 @@ class UndescribedSensors:
         self._began = self._newest = np.nan  # [s] first and newest sample in flight by this clock
         self._filter = np.full((len(ANGLES), 4, _SERIES), np.nan)
         self._last = np.array([np.nan, -np.inf, np.nan])
-        self._samples: Array | None = None  # the newest two, and their forms
-        self._forms = np.zeros((0, COUNT, FORMS))
+        self._samples: Array | None = None  # the newest two, and their forms; those of the newest batch
+        self._forms = self._new_forms = np.zeros((0, COUNT, FORMS))
         self._surfaces.restart_clock()
         if self._motion is not None:
             self._motion.restart_clock()
@@ -263,13 +258,10 @@ class UndescribedSensors:
             self._newest = float(batch.samples[-1, 0])
             self._began = float(batch.samples[0, 0]) if np.isnan(self._began) else self._began
             samples = batch.samples if self._samples is None else np.vstack([self._samples, batch.samples])
-            self._new_forms = np.zeros((len(batch.samples), COUNT, 0))
+            forms = np.zeros((len(samples), COUNT, 0))
             if self._motion is not None:
                 self._new_forms = self._surfaces.follow(batch.samples)
-            forms = self._new_forms
-            if self._samples is not None:
                 forms = np.concatenate([self._forms, self._new_forms])
-            if self._motion is not None:
                 look_ahead(samples, forms)
                 self._motion.add(samples, forms)
             _regress(samples, forms, self._offsets, batch.body, self._squares, self._products)
@@ -316,8 +308,8 @@ class UndescribedSensors:
         if self._motion is None or not self._motion.is_due(time):
             return
         self._motion.look(interval)
-        doubt = self.doubt() if self._motion.is_found else None
-        self._freeing = [] if doubt is None else [doubt.freeing(self._model, axis) for axis in range(len(AXES))]
+        doubt, way = self.doubt() if self._motion.is_found else None, self._motion.best
+        self._freeing = [] if doubt is None else [doubt.freeing(self._model, axis, way) for axis in range(len(AXES))]
 
     @property
     def late_motion(self) -> Late | None:

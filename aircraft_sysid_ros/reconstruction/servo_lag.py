@@ -6,7 +6,9 @@ import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.configuration import SURFACES, Aircraft
+from aircraft_sysid_ros.aircraft.sensor_settings import CONTROLS
 from aircraft_sysid_ros.aircraft.signals import MOST_INPUTS
+from aircraft_sysid_ros.aircraft.term_values import lagged
 from aircraft_sysid_ros.kernels import njit
 from aircraft_sysid_ros.samples import Kind, Samples, is_absurd
 
@@ -47,7 +49,7 @@ class ServoLag:
 
 def servo_lag(aircraft: Aircraft) -> ServoLag:
     """The servos of an aircraft file."""
-    return ServoLag(aircraft.sensors["control_surfaces"].lag)
+    return ServoLag(aircraft.sensors[CONTROLS].lag)
 
 
 def _unknown(width: int) -> tuple[npt.NDArray[np.int64], Array]:
@@ -72,7 +74,6 @@ def _follow(
                 values[i, k] = command + surface - before
                 continue
             else:
-                behind = lag * (command - before) / step
-                surface = command - behind + (surface - before + behind) * np.exp(-step / lag)
+                surface = lagged(surface, before, command, step, lag)
             values[i, k] = surface
             newest[k], known[0, k], known[1, k] = stamp[i], command, surface

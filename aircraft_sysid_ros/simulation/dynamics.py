@@ -108,7 +108,8 @@ class Motion(NamedTuple):
 def _actuator_rates(aircraft: Aircraft) -> Array:
     """Those of the servos that the file has, or usual ones."""
     lag, rates = aircraft.sensors["control_surfaces"].lag, ACTUATOR_RATES.copy()
-    rates[:3] = 1.0 / lag if lag > 0.0 else rates[:3]
+    if lag > 0.0:
+        rates[:3] = 1.0 / lag
     return rates
 
 
