@@ -56,6 +56,16 @@ def read_parameters(folder: Path) -> dict[str, dict[str, Any]]:
     return parameters
 
 
+def late_surfaces_of(folder: Path) -> dict[str, tuple[float, float]]:
+    """Delay or lag [s] of the surfaces that a run has shown, each with one sigma, where its aircraft file is silent."""
+    try:
+        said = json.loads((folder / PARAMETERS).read_text(encoding="utf8")).get("late_surfaces", {})
+        found = {key: (float(said[key]["value"]), float(said[key]["std"])) for key in ("delay", "lag") if key in said}
+    except UNREADABLE:  # said of that file
+        return {}
+    return {key: number for key, number in found.items() if _are_finite(*number)}
+
+
 def read_state(folder: Path) -> dict[str, Any]:
     """The content of state.json. Raises UNREADABLE."""
     state = json.loads((folder / STATE).read_text(encoding="utf8"))

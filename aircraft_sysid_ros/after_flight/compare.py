@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from aircraft_sysid_ros.after_flight.progress import Tell, nobody, part_of
+from aircraft_sysid_ros.aircraft.sensor_settings import late_words
 from aircraft_sysid_ros.diagnosis.compare import Comparison, compare
 from aircraft_sysid_ros.diagnosis.frequency_responses import RateResponse, rate_responses
 from aircraft_sysid_ros.diagnosis.model_versions.versions import Run, open_run, version_named
@@ -34,6 +35,11 @@ class ComparedRun:
         if self.run.samples is None:
             unsmoothed = "errors are those of the filter, with its settling"
             notes.append(f"the run holds no samples: {unsmoothed}; replay the recording again")
+        if late := self.run.late_surfaces(self.run.current.aircraft):
+            notes.append(
+                f"{late_words(late)}, as the flight shows, and are taken here as they are recorded: some of what is "
+                "more than noise is that; diagnose says how they are late, and add takes it in"
+            )
         return notes
 
     @property

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from aircraft_sysid_ros.after_flight.progress import Tell, nobody
-from aircraft_sysid_ros.aircraft.sensor_settings import CONTROLS, described
+from aircraft_sysid_ros.aircraft.sensor_settings import CONTROLS, late_words
 from aircraft_sysid_ros.diagnosis.model_versions.versions import (
     Version,
     folder_to_write,
@@ -19,8 +19,6 @@ from aircraft_sysid_ros.diagnosis.model_versions.versions import (
 )
 from aircraft_sysid_ros.effects.effect import with_setting
 from aircraft_sysid_ros.errors import InputError, echo
-from aircraft_sysid_ros.pipeline import Pipeline
-from aircraft_sysid_ros.reconstruction.absences import options_after_flight
 from aircraft_sysid_ros.refinement.refine import FILTER_ERROR, METHODS, Refinement, RefineOptions, refine, with_options
 from aircraft_sysid_ros.refinement.run_data import RunData
 from aircraft_sysid_ros.run_writer import write_json
@@ -45,7 +43,7 @@ def refine_run(
     version = opened.current if model is None else version_named(opened, model)
     tell(method, 0.0)
     data, folder = run_data(opened, version), folder_to_write(opened, version)
-    data, late = with_late_surfaces(data)
+    data, late = with_late_surfaces(data, opened.late_surfaces(version.aircraft))
     started = time.perf_counter()
     result = refine(
         data, method, options,
@@ -59,25 +57,17 @@ def refine_run(
     return {**content, "file": str(file), "figure": figure, "notes": [*opened.notes, *late, *notes]}
 
 
-def with_late_surfaces(data: RunData) -> tuple[RunData, list[str]]:
-    """The run with the delay or the lag of its surfaces that the flight shows, where the file says neither, and a note.
+def with_late_surfaces(data: RunData, late: Mapping[str, tuple[float, float]]) -> tuple[RunData, list[str]]:
+    """The run with the delay or the lag [s] of its surfaces that the flight has shown, and a note.
 
     ``replay`` has freed its parameters of it, and a fit of the recorded surfaces would lose that.
     """
-    if CONTROLS in described(data.aircraft.source.get("sensors")):
-        return data, []
-    pipeline = Pipeline(data.aircraft, options_after_flight(data.samples, data.calm_air))
-    pipeline.push(data.samples)
-    pipeline.flush()
-    found = pipeline.parameters.learning.undescribed.late_surfaces
-    if not found:
+    if not late:
         return data, []
     aircraft = data.aircraft
-    for key, (value, _) in found.items():
+    for key, (value, _) in late.items():
         aircraft = with_setting(aircraft, ("sensors", CONTROLS, key), value)
-    said = " and a ".join(f"{key} of {value:.3f} s" for key, (value, _) in found.items())
-    note = f"surfaces are taken to follow what is recorded with a {said}, as this flight shows: state what you know"
-    return replace(data, aircraft=aircraft), [note]
+    return replace(data, aircraft=aircraft), [f"{late_words(late)}, as the flight shows: state what you know"]
 
 
 def refined_name(method: str) -> str:

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
+from aircraft_sysid_ros.aircraft.sensor_settings import CONTROLS
 from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS
 from aircraft_sysid_ros.flight_check.finding import ERROR, WARNING, Finding
 from aircraft_sysid_ros.flight_check.signals import NAMES
@@ -131,6 +132,8 @@ _SURE_OF_WAY = 0.95
 def delay_notes(parameters: Identifier) -> list[str]:
     """By how much motion is recorded after the surfaces that make it, where the flight shows it."""
     sensors = parameters.learning.undescribed
+    if (contradicted := sensors.contradicted) is not None:
+        return [_contradicted(parameters.aircraft, *contradicted)]
     found, late = sensors.late_surfaces, sensors.late_motion
     if not found or late is None:
         return []
@@ -149,8 +152,20 @@ def delay_notes(parameters: Identifier) -> list[str]:
     said = ", ".join(f"{key}: {value:.3f}" for key, (value, _) in found.items())
     return [
         f"{what}{doubt}, and {freed}; `{said}` of control_surfaces under `sensors` of the aircraft file says so from "
-        "the start, `--learn-sensors` writes it as found, and `diagnose` tells a delay from a lag more finely"
+        "the start, `replay --learn-sensors` writes it as found, and `diagnose` tells a delay from a lag more finely"
     ]
+
+
+def _contradicted(aircraft: Aircraft, late: float, std: float) -> str:
+    """Said where an aircraft file says how late surfaces are, and the flight shows another."""
+    surfaces = aircraft.sensors[CONTROLS]
+    said = [f"a {key} of {value:g} s" for key in ("delay", "lag") if (value := getattr(surfaces, key))]
+    shown = f"{1e3 * abs(late):.0f} ± {1e3 * 2.0 * std:.0f} ms {'later' if late > 0.0 else 'earlier'}"
+    return (
+        f"the aircraft file gives the control surfaces {' and '.join(said) or 'no delay and no lag'}, and this flight "
+        f"shows them {shown} than that: what the file says is used, and parameters are wrong by it; `diagnose` says "
+        "which it is, or say nothing of the IMU and of control_surfaces but their noise, to have it found"
+    )
 
 
 def prior_notes(parameters: Identifier) -> list[str]:

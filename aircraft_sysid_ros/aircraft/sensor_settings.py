@@ -171,6 +171,15 @@ def described(data: Mapping[str, Any] | None) -> set[str]:
     }
 
 
+def late_words(late: Mapping[str, tuple[float, float]]) -> str:
+    """How late surfaces are: from delay and lag [s] as the file has them, each with one sigma (0: none)."""
+    words = []
+    for key, (value, std) in late.items():
+        size = f"{abs(value):.3f}{f' ± {2.0 * std:.3f}' if std else ''} s"
+        words.append(f"with a lag of {size}" if key == "lag" else f"{size} {'later' if value < 0.0 else 'earlier'}")
+    return f"surfaces follow what is recorded of them {' and '.join(words)}"
+
+
 def _of_air_data(
     base: float, value: Mapping[str, Any], key: str, name: str, member: str, limits: tuple[float, float]
 ) -> float:

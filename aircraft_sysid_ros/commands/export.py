@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from aircraft_sysid_ros.aircraft.sensor_settings import CONTROLS, late_words
 from aircraft_sysid_ros.commands.notes import note_lines
 from aircraft_sysid_ros.commands.options import parameter_table
 from aircraft_sysid_ros.diagnosis.model_versions.versions import Run, open_run, settings_of, version_named
@@ -107,9 +108,22 @@ def notes_on(opened: Run, learnt: LearntModel) -> list[str]:
         notes.append(f"not to be used by the run's own judgement, and exported all the same: {' '.join(doubtful)}")
     if unknown:
         notes.append(f"not known, so without their terms: {' '.join(unknown)}")
+    if late := late_of(opened, learnt):
+        notes.append(
+            f"{late}: the coefficients are those of surfaces where they are, and the file does not hold how late that "
+            "is; give the servos of the other program the same"
+        )
     if settings_of(learnt.aircraft) != settings_of(opened.root):
         notes.append("ranges are those of the run as it was replayed, before the settings of this version")
     return notes
+
+
+def late_of(opened: Run, learnt: LearntModel) -> str:
+    """How late surfaces are, as the flight has shown or as the aircraft file says, in words; empty: they are not."""
+    surfaces = learnt.aircraft.sensors[CONTROLS]
+    said = {key: (value, 0.0) for key in ("delay", "lag") if (value := getattr(surfaces, key))}
+    late = opened.late_surfaces(learnt.aircraft) or said
+    return late_words(late) if late else ""
 
 
 def checked_out(path: str, suffix: str, overwrite: bool) -> Path:

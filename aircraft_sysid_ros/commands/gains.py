@@ -63,7 +63,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     out = None if args.out is None else checked_out(args.out, SUFFIXES[args.to], args.overwrite)
     opened = open_run(args.run)
     learnt = chosen_model(opened, args.model)
-    found = gains(learnt, args.to, full, replace(actuator_of(learnt.aircraft), **asked))
+    actuator = actuator_of(learnt.aircraft, opened.late_surfaces(learnt.aircraft))
+    found = gains(learnt, args.to, full, replace(actuator, **asked))
     if out is not None:
         write(out, found.content, args.overwrite)
     loops = {

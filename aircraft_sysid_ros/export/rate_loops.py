@@ -11,7 +11,7 @@ damping that the airframe has.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -58,9 +58,9 @@ class Actuator:
     delay: float = 0.03  # [s]
 
 
-def actuator_of(aircraft: Aircraft) -> Actuator:
-    """A usual one, with the lag of the servos where the aircraft file says it."""
-    lag = aircraft.sensors["control_surfaces"].lag
+def actuator_of(aircraft: Aircraft, found: Mapping[str, tuple[float, float]] | None = None) -> Actuator:
+    """A usual one, with the lag [s] of the servos that the flight has ``found``, or that the aircraft file says."""
+    lag = (found or {}).get("lag", (aircraft.sensors["control_surfaces"].lag, 0.0))[0]
     return Actuator(lag) if lag > 0.0 else Actuator()
 
 

@@ -145,9 +145,8 @@ class LateMotion:
 
     def look(self, interval: float) -> None:
         """Estimate ``ways`` from what was summed; states come ``interval`` [s] apart, 0: dense."""
-        asked = [
-            _asked(self._moments[k], self._counts[k], self._derivatives[axis], k) for k, axis in enumerate(_MOMENTS)
-        ]
+        moments = np.tril(self._moments) + np.tril(self._moments, -1).transpose(0, 2, 1)
+        asked = [_asked(moments[k], self._counts[k], self._derivatives[axis], k) for k, axis in enumerate(_MOMENTS)]
         known = [each for each in asked if each is not None]
         if not known:
             self.ways = self._unknown
@@ -370,7 +369,7 @@ def _sum(
     samples: Array, forms: Array, offsets: Columns, follows: Array, filters: Array, begun: Array, counts: Array,
     moments: Array,
 ) -> None:  # fmt: skip
-    """Sums of products, without what is slow, of each moment's terms and what is _MADE."""
+    """Sums of products, without what is slow, of each moment's terms and what is _MADE: of each pair one."""
     size = moments.shape[1]
     first = size - _MADE
     series = np.zeros(size)
@@ -400,6 +399,6 @@ def _sum(
             keep, twice = np.exp(-step / _MEMORY), filters[m, 2]
             counts[m] = keep * counts[m] + 1.0
             for j in range(size):
+                row, by = moments[m, j], twice[j]
                 for k in range(j + 1):
-                    moments[m, j, k] = keep * moments[m, j, k] + twice[j] * twice[k]
-                    moments[m, k, j] = moments[m, j, k]
+                    row[k] = keep * row[k] + by * twice[k]

@@ -130,6 +130,7 @@ def parameters_json(estimator: Identifier) -> dict[str, Any]:
             for p in estimates.parameters
         ],
         **_beside_earlier_flights(estimator),
+        **_late_surfaces(estimator),
         "changes": [
             {"axis": axis, "time": t, "count": count} for axis, t, count in estimator.learning.changes.alarms()
         ],
@@ -140,6 +141,13 @@ def _beside_earlier_flights(estimator: Identifier) -> dict[str, Any]:
     """What came of the prior of a fleet, and what is wrong with the aeroplane beside it; nothing without one."""
     learning = estimator.learning
     return {"prior": learning.fleet.json, "health": learning.health.json} if learning.fleet.is_there else {}
+
+
+def _late_surfaces(estimator: Identifier) -> dict[str, Any]:
+    """What the flight has shown of late surfaces [s], and one sigma; nothing where it has not."""
+    found = estimator.learning.undescribed.late_surfaces
+    late = {key: {"value": value, "std": std} for key, (value, std) in found.items()}
+    return {"late_surfaces": late} if late else {}
 
 
 def _number(value: float) -> float | None:

@@ -98,6 +98,8 @@ _TURNING, _OF_VANES, _BY_ALPHA, _FORMS = 4, 7, 11, 15
 _ACROSS = ([0, 1], [0, 2])
 #: One sigma [s] of when a command moves between its samples.
 _SAMPLED = 0.005
+#: From so many standard errors and seconds on a flight contradicts what the aircraft file says of late surfaces.
+_CONTRADICTED, _WORTH_A_WORD = 3.0, 0.015
 #: What those of before an axis was learnt anew count; nothing would leave the first seconds without any.
 _ANEW = 0.02
 #: So much of a derivative is taken away at most.
@@ -209,13 +211,15 @@ class UndescribedSensors:
         self._asked = np.array([not {sensor, _GROUP} & said for sensor in _SENSORS])
         self._place = doubt_of_imu(aircraft)
         self._vane_place = doubt_of_vanes(aircraft)
-        self._motion = None if _OF_MOTION & said else LateMotion(aircraft.sensors["control_surfaces"].late_std)
+        self._motion = LateMotion(aircraft.sensors["control_surfaces"].late_std)
+        self._frees = not _OF_MOTION & said  # else what is said is believed, and watched
         self._surfaces = MovedSurfaces()
-        self._any = bool(self._asked.any() or aircraft.unsaid or self._motion)
+        self._any = bool(self._asked.any() or aircraft.unsaid or self._frees)
         self._out_on_wing = aircraft.span * UNSEEN if np.isnan(aircraft.unsaid.get(_SIDEWAYS, 0.0)) else 0.0
         self.adopt(aircraft.model)
         self._moments, self._counts = np.zeros((len(ANGLES), _SERIES, _SERIES)), np.zeros(len(ANGLES))
         self._flown, self._began, self._newest = 0.0, np.nan, np.nan
+        self._interval = 0.0  # [s] of states
         self.restart_clock()
 
     def adopt(self, model: AerodynamicModel) -> None:
@@ -224,8 +228,9 @@ class UndescribedSensors:
         self._model, self._offsets = model, model.offsets
         self._freeing: list[Array] = []  # by axis, what frees parameters of late surfaces, where they are
         self._squares, self._products = np.zeros((len(AXES), n, n)), np.zeros((len(AXES), self._doubtful, n))
-        if self._motion is not None:
-            self._motion.adopt(model.offsets, [derivatives_of(model, axis) for axis in range(len(AXES))])
+        self._motion.adopt(model.offsets, [derivatives_of(model, axis) for axis in range(len(AXES))])
+        self._samples: Array | None = None  # the newest two, and their forms
+        self._forms = np.zeros((0, COUNT, FORMS))
 
     def restart_clock(self) -> None:
         """The clock began anew, or another manoeuvre."""
@@ -233,16 +238,15 @@ class UndescribedSensors:
         self._began = self._newest = np.nan  # [s] first and newest sample in flight by this clock
         self._filter = np.full((len(ANGLES), 4, _SERIES), np.nan)
         self._last = np.array([np.nan, -np.inf, np.nan])
-        self._samples: Array | None = None  # the newest two, and their forms; those of the newest batch
-        self._forms = self._new_forms = np.zeros((0, COUNT, FORMS))
+        self._samples, self._forms = None, np.zeros((0, COUNT, FORMS))
+        self._new_forms = np.zeros((0, COUNT, FORMS))  # of the newest batch
         self._surfaces.restart_clock()
-        if self._motion is not None:
-            self._motion.restart_clock()
+        self._motion.restart_clock()
 
     @property
     def _doubtful(self) -> int:
         """How many things may be wrong."""
-        return _FORMS + (0 if self._motion is None else COUNT * FORMS)
+        return _FORMS + COUNT * FORMS * self._frees
 
     @property
     def _by_this_clock(self) -> float:
@@ -251,20 +255,19 @@ class UndescribedSensors:
 
     def add(self, batch: CoefficientBatch) -> None:
         """States and samples that came together."""
-        if not self._any:
-            return
-        _follow(batch.rows, batch.history, batch.body, self._filter, self._last, self._counts, self._moments)
+        if self._any:
+            _follow(batch.rows, batch.history, batch.body, self._filter, self._last, self._counts, self._moments)
         if len(batch.samples):
             self._newest = float(batch.samples[-1, 0])
             self._began = float(batch.samples[0, 0]) if np.isnan(self._began) else self._began
             samples = batch.samples if self._samples is None else np.vstack([self._samples, batch.samples])
-            forms = np.zeros((len(samples), COUNT, 0))
-            if self._motion is not None:
-                self._new_forms = self._surfaces.follow(batch.samples)
-                forms = np.concatenate([self._forms, self._new_forms])
-                look_ahead(samples, forms)
-                self._motion.add(samples, forms)
-            _regress(samples, forms, self._offsets, batch.body, self._squares, self._products)
+            self._new_forms = self._surfaces.follow(batch.samples)
+            forms = np.concatenate([self._forms, self._new_forms])
+            look_ahead(samples, forms)
+            self._motion.add(samples, forms)
+            if self._any:
+                counted = forms if self._frees else forms[:, :, :0]
+                _regress(samples, counted, self._offsets, batch.body, self._squares, self._products)
             self._samples, self._forms = samples[-2:].copy(), forms[-2:].copy()
 
     @property
@@ -275,7 +278,7 @@ class UndescribedSensors:
     @property
     def lateness(self) -> float:
         """One sigma [s] of what is not known, or not yet counted with, of how late surfaces are; 0: it is described."""
-        if self._motion is None:
+        if not self._frees:
             return 0.0
         mean, variance = self._motion.whole
         return float(np.sqrt(variance + (0.0 if self.are_late else mean**2) + _SAMPLED**2))
@@ -284,7 +287,7 @@ class UndescribedSensors:
         """Predict the newest samples (n, …) anew, with surfaces where they are and what regressions (6, m) know, freed
         of late surfaces: as the flight has shown them before.
         """
-        if self._motion is None:
+        if not self._frees:
             return
         near = self._motion.best.course.between(self._motion.best.time)
         moved = self._new_forms[:, :, near.forms] @ near.shares - self._new_forms[:, :, 0]
@@ -305,7 +308,8 @@ class UndescribedSensors:
 
     def look(self, time: float, interval: float) -> None:
         """Estimate anew how late the motion is, where it is time [s]; ``interval`` [s] of states, 0: dense."""
-        if self._motion is None or not self._motion.is_due(time):
+        self._interval = interval
+        if not self._frees or not self._motion.is_due(time):
             return
         self._motion.look(interval)
         doubt, way = self.doubt() if self._motion.is_found else None, self._motion.best
@@ -314,14 +318,26 @@ class UndescribedSensors:
     @property
     def late_motion(self) -> Late | None:
         """By how much motion is recorded late, in the more probable way; None: described."""
-        return None if self._motion is None else self._motion.best
+        return self._motion.best if self._frees else None
+
+    @property
+    def contradicted(self) -> tuple[float, float] | None:
+        """By how much [s] surfaces are later than the aircraft file says, and one sigma, where it says so and the
+        flight shows another; None: it says nothing, or what the flight shows.
+        """
+        if self._frees:
+            return None
+        self._motion.look(self._interval)
+        mean, variance = self._motion.whole
+        std = float(np.sqrt(variance + _SAMPLED**2))
+        return (mean, std) if abs(mean) > max(_CONTRADICTED * std, _WORTH_A_WORD) else None
 
     @property
     def late_surfaces(self) -> dict[str, tuple[float, float]]:
         """What the aircraft file would have to say of control_surfaces that nothing is late, delay or lag [s] or both,
-        each with one sigma; nothing where the flight shows neither.
+        each with one sigma; nothing where the flight shows neither, or where the file says it.
         """
-        if self._motion is None or not self._motion.is_found:
+        if not self._frees or not self._motion.is_found:
             return {}
         best, surfaces = self._motion.best, self._aircraft.sensors["control_surfaces"]
         std = float(np.sqrt(self._motion.whole[1]))
@@ -352,7 +368,7 @@ class UndescribedSensors:
                 correlation = self._squares[axis, :n, :n] / np.outer(by, by) + _NEARLY * np.eye(n)
                 right = (self._products[axis, :, :n] / by).T
                 found[axis, :, :n] = np.linalg.solve(correlation, right).T / by
-        late = () if self._motion is None else self._motion.ways
+        late = self._motion.ways if self._frees else ()
         vane_place = self._vane_place.copy()
         if self._flown + self._by_this_clock <= LOOKED:
             vane_place[1] = max(vane_place[1], self._out_on_wing)

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from aircraft_files import of_shape
 
 from aircraft_sysid_ros.after_flight.replay_notes import delay_notes
 from aircraft_sysid_ros.aircraft.configuration import Aircraft, aircraft_from_dict
@@ -24,12 +25,7 @@ from aircraft_sysid_ros.samples import Kind, Samples
 from aircraft_sysid_ros.sensors.sensor_models import SensorOptions
 from aircraft_sysid_ros.simulation.simulated_flight import default_aircraft, simulate_samples
 
-SHAPE = ("name", "mass", "wing_area", "span", "chord", "inertia", "imu_position", "air_data_position", "gps_position")
 RECORDED = 0.04  # [s] surfaces before the motion
-
-
-def of_shape(aircraft: Aircraft, **more: object) -> Aircraft:
-    return aircraft_from_dict({key: aircraft.source[key] for key in SHAPE} | more)
 
 
 def early(samples: Samples, by: float) -> Samples:
@@ -133,7 +129,10 @@ def test_a_file_that_says_when_is_believed() -> None:
     samples = early(flight.samples, RECORDED)
     believed = flown(of_shape(flight.aircraft, sensors={"control_surfaces": {"delay": 0.0}}), samples)
     assert believed.parameters.learning.undescribed.late_motion is None
+    mean, std = believed.parameters.learning.undescribed.contradicted
+    assert mean == pytest.approx(RECORDED, abs=max(3.0 * std, 0.01))
     told = flown(of_shape(flight.aircraft, sensors={"control_surfaces": {"delay": -RECORDED}}), samples)
+    assert told.parameters.learning.undescribed.contradicted is None
     truth = flight.coefficients["Cl_p"]
     by = {p.name: p.value for p in believed.parameters.snapshot().parameters}
     right = {p.name: p.value for p in told.parameters.snapshot().parameters}

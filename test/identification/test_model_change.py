@@ -5,6 +5,7 @@ import functools
 
 import numpy as np
 import pytest
+from aircraft_files import of_shape
 
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.estimation.recursive_least_squares import rls_update
@@ -193,6 +194,20 @@ def test_the_error_falls_at_once_and_other_axes_do_not_notice(flown, at_sixty):
     others = [i for i in range(6) if i != 2]
     for block in (CoefficientSample.PREDICTED, CoefficientSample.MEASURED, CoefficientSample.LEARNT):
         assert np.array_equal(later[:, block][:, others], without[:, block][:, others], equal_nan=True)
+
+
+@pytest.mark.parametrize("places", [True, False])
+def test_a_file_of_mass_and_shape_takes_it_too(flown, places):
+    """What nobody has described is followed through the change."""
+    estimator, memory = flown.estimator(of_shape(flown.aircraft, places)), SampleMemory()
+    flown.fly(estimator, 0.0, 40.0, memory)
+    change_model(estimator, with_terms(estimator.aircraft, HIDDEN, {}), memory.newest())
+    before = estimator.learning.undescribed.lateness
+    later = flown.fly(estimator, 40.0, 60.0)
+    known = {p.name: p for p in estimator.snapshot().parameters}
+    assert abs(known["CZ_alpha3"].value - 60.0) < 3.0 * known["CZ_alpha3"].std
+    assert rms(later, 2) < 0.1
+    assert 0.0 < estimator.learning.undescribed.lateness <= before
 
 
 @pytest.mark.long

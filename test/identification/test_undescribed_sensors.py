@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from aircraft_files import of_shape
 
 from aircraft_sysid_ros.aircraft.configuration import Aircraft, aircraft_from_dict
 from aircraft_sysid_ros.identification.parameter_set import ParameterSet
@@ -12,13 +13,8 @@ from aircraft_sysid_ros.samples import Kind, Samples
 from aircraft_sysid_ros.sensors.sensor_models import first_order_lag
 from aircraft_sysid_ros.simulation.simulated_flight import SimulatedFlight, default_aircraft, simulate_samples
 
-SHAPE = ("name", "mass", "wing_area", "span", "chord", "inertia", "imu_position", "air_data_position", "gps_position")
 VANES = (Kind.ANGLE_OF_ATTACK, Kind.SIDESLIP)
 TOO_SMALL, LATE = 0.9, 0.08
-
-
-def shape(aircraft: Aircraft) -> Aircraft:
-    return aircraft_from_dict({key: aircraft.source[key] for key in SHAPE})
 
 
 def poor(samples: Samples) -> Samples:
@@ -51,7 +47,7 @@ def z_of(found: ParameterSet, truth: dict[str, float]) -> dict[str, float]:
 
 def test_late_and_small_vanes_are_found_and_their_parameters_hold_the_truth(flight: SimulatedFlight) -> None:
     samples, truth = poor(flight.samples), dict(flight.coefficients)
-    pipeline = replayed(shape(flight.aircraft), samples)
+    pipeline = replayed(of_shape(flight.aircraft), samples)
     mean, covariance = pipeline.parameters.learning.undescribed.errors()
     assert mean[1, 0] == pytest.approx(TOO_SMALL - 1.0, abs=3.0 * np.sqrt(covariance[1, 0, 0]))
     assert 0.01 < mean[1, 1] < LATE + 3.0 * np.sqrt(covariance[1, 1, 1])  # what the filter leaves of it
@@ -72,7 +68,7 @@ def test_where_the_imu_sits_is_no_error_of_a_vane() -> None:
     sensors = {**known["sensors"], **vanes}
     ahead = aircraft_from_dict({**known, "imu_position": [0.2, 0.0, 0.0], "sensors": sensors})
     samples = simulate_samples(ahead, 43, 60.0).samples
-    mean, covariance = replayed(shape(ahead), samples).parameters.learning.undescribed.errors()
+    mean, covariance = replayed(of_shape(ahead), samples).parameters.learning.undescribed.errors()
     std = np.sqrt(np.einsum("aii->ai", covariance))
     assert np.all(np.abs(mean) < 2.0 * std) and np.all(std[:, 1] < 0.005)
 
@@ -84,16 +80,15 @@ def test_a_described_vane_is_as_it_says(flight: SimulatedFlight) -> None:
 
 @pytest.mark.parametrize(("said", "described"), [({"noise": 0.004}, False), ({"noise": 0.004, "delay": 0.0}, True)])
 def test_noise_alone_describes_no_sensor(flight: SimulatedFlight, said: dict[str, float], described: bool) -> None:
-    plain = {key: flight.aircraft.source[key] for key in SHAPE}
     sensors = dict.fromkeys(("angle_of_attack", "sideslip", "control_surfaces"), said)
-    aircraft = aircraft_from_dict({**plain, "sensors": sensors})
+    aircraft = of_shape(flight.aircraft, sensors=sensors)
     assert (UndescribedSensors(aircraft).doubt() is None) == described
 
 
 def test_blocks_do_not_matter(flight: SimulatedFlight) -> None:
     samples = poor(flight.samples)
     few = samples[samples.stamp < samples.stamp.min() + 25 * 10**9]
-    one, other = (replayed(shape(flight.aircraft), few, block).parameters.snapshot() for block in (len(few), 37))
+    one, other = (replayed(of_shape(flight.aircraft), few, block).parameters.snapshot() for block in (len(few), 37))
     assert np.array_equal(one.covariance, other.covariance, equal_nan=True)
     assert [repr(p.value) for p in one.parameters] == [repr(p.value) for p in other.parameters]
 
@@ -125,7 +120,7 @@ def test_without_motion_a_vane_is_as_vanes_are_built() -> None:
 def test_until_the_roll_has_shown_where_a_vane_is_it_may_be_out_on_the_wing() -> None:
     """Live had published 60 % of the lift slope to use in its first 20 s, of a vane 0.4 m out that no file places."""
     known = default_aircraft()
-    bare = aircraft_from_dict({key: known.source[key] for key in SHAPE if not key.endswith("_position")})
+    bare = of_shape(known, places=False)
     samples, pipeline = simulate_samples(known, 31, 70.0, turbulence="moderate").samples, Pipeline(bare)
     early = samples.stamp < samples.stamp.min() + 24 * 10**9
     undescribed = pipeline.parameters.learning.undescribed

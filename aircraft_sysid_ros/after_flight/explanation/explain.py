@@ -35,7 +35,7 @@ from aircraft_sysid_ros.flight_check.finding import ERROR, INFO, Finding, joined
 from aircraft_sysid_ros.reconstruction.options import StateOptions
 from aircraft_sysid_ros.recordings.losses import NOT_FINISHED
 from aircraft_sysid_ros.recordings.reader import read_recording
-from aircraft_sysid_ros.run_reader import AIRCRAFT, PARAMETERS, read_parameters
+from aircraft_sysid_ros.run_reader import AIRCRAFT, PARAMETERS, late_surfaces_of, read_parameters
 from aircraft_sysid_ros.text_file import put_in_place
 
 #: An effect without which the error of its axis is larger by this factor spoils what else is said of its axes.
@@ -167,7 +167,8 @@ def _explained(
     mass = None if weighed is None else (float(aircraft.mass), *weighed)
     checks = _with_flight(_of_motion(checked), replayed, instruments)
     broken = NOT_FINISHED if NOT_FINISHED in checked.notes else ""
-    evidence = Evidence(checks, _used(replayed), instruments, diagnosis, facts, options.calm_air, mass, broken)
+    late = late_surfaces_of(place / RUN)
+    evidence = Evidence(checks, _used(replayed), instruments, diagnosis, facts, options.calm_air, mass, broken, late)
     notes += [] if compared is None else compared.notes
     notes += [] if diagnosis is None else diagnosis["notes"]
     return Explanation(

@@ -10,11 +10,12 @@ Rules and limits were made on some seeds of benchmarks/explain.py and judged on 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from aircraft_sysid_ros.after_flight.explanation.aeroplane import Fact
 from aircraft_sysid_ros.after_flight.explanation.instruments import InstrumentError
+from aircraft_sysid_ros.aircraft.sensor_settings import late_words
 from aircraft_sysid_ros.diagnosis.failures.words import CHANGE_OF_MOMENTS, DAMAGED, STUCK
 from aircraft_sysid_ros.diagnosis.search.candidates import TIMES_OF_CHANGE
 from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS
@@ -57,6 +58,8 @@ class Evidence:
     calm_air: bool = False  # whether the speed over ground stood for the airspeed
     mass: tuple[float, float, float] | None = None  # of the file, by the thrust, and its standard deviation [kg]
     broken: str = ""  # that the recorder did not finish the log, in words
+    #: Delay or lag [s] of the surfaces that the flight has shown, with one sigma, where the aircraft file says neither.
+    late: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
 
 def what_matters(evidence: Evidence) -> list[Said]:
@@ -67,7 +70,7 @@ def what_matters(evidence: Evidence) -> list[Said]:
     if not wrong and _found(evidence) and not _inputs_alone(evidence.diagnosis or {}):
         # what the library named this flight has shown: that some parameters are not known hides nothing
         order = (_failed, _lacking, _sensors, _vanes, *of_sound, _little_motion)
-    return [said for find in order for said in find(evidence)] or [_nothing(evidence)]
+    return [said for find in (*order, _late) for said in find(evidence)] or [_nothing(evidence)]
 
 
 def _is_of_force(evidence: Evidence) -> bool:
@@ -249,6 +252,15 @@ def _balance(evidence: Evidence) -> Iterator[Said]:
             "balance", f"The aeroplane is {how}: its static margin is {margin.value:.1f} ± {margin.std:.2g} % of the "
             "chord, so the centre of gravity is too far aft.",
         )  # fmt: skip
+
+
+def _late(evidence: Evidence) -> Iterator[Said]:
+    """Surfaces that come later than they are recorded, where no diagnosis and no check has said so."""
+    found = {candidate["effect"] for candidate in _found(evidence)}
+    late = {s for f in _findings(evidence.check, WARNING) if f.kind == "offset" for s in f.signals}
+    if evidence.late and not found & {*OF_SERVOS, "actuator_lag"} and not late & set(SURFACES):
+        words = late_words(evidence.late)
+        yield Said("late", f"{words[0].upper()}{words[1:]}, as this flight shows: the parameters are freed of that.")
 
 
 def _nothing(evidence: Evidence) -> Said:

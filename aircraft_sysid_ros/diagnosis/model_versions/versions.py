@@ -29,6 +29,7 @@ import yaml
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.aircraft.configuration import Aircraft, aircraft_from_dict, load_aircraft
+from aircraft_sysid_ros.aircraft.sensor_settings import CONTROLS
 from aircraft_sysid_ros.diagnosis.flight.flight_data import AIRCRAFT, FlightData, check_flight, load_flight_data
 from aircraft_sysid_ros.diagnosis.flight.reconstruction import reconstruct_as_flown, settled_flight
 from aircraft_sysid_ros.diagnosis.flight.white_noise import white_noise_of
@@ -47,6 +48,7 @@ from aircraft_sysid_ros.run_reader import (
     SAMPLES,
     UNREADABLE,
     calm_air_of,
+    late_surfaces_of,
     not_a_run,
     read_parameters,
     read_points,
@@ -122,6 +124,13 @@ class Run:
     def notes(self) -> list[str]:
         """What every answer about the run says."""
         return [] if self.samples is None else assumed_calm(self.samples, self.calm_air)
+
+    def late_surfaces(self, aircraft: Aircraft) -> dict[str, tuple[float, float]]:
+        """Delay or lag [s] of the surfaces that the flight has shown, each with one sigma, and that an aircraft file of
+        this run does not have.
+        """
+        mine, first = aircraft.sensors[CONTROLS], self.root.sensors[CONTROLS]
+        return late_surfaces_of(self.path) if (mine.delay, mine.lag) == (first.delay, first.lag) else {}
 
     def flight(self, aircraft: Aircraft | None = None) -> FlightData:
         """The flight as the sensor settings of an aircraft file see it, by default those of the current version.
