@@ -10,15 +10,62 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from aircraft_sysid_ros.aircraft.frames import Vector, three
 from aircraft_sysid_ros.kernels import njit
 
 Array = npt.NDArray[np.float64]
 
 
+# -- on plain numbers -------------------------------------------------------------------------------------------------
+
+
+@njit(cache=True)
+def crossed(a: Vector, b: Vector) -> Vector:
+    """Vector product a x b."""
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+@njit(cache=True)
+def solved(inertia: Array, vector: Vector) -> Vector:
+    """x of ``inertia x = vector`` for the matrix of (6.19), whose xy and yz products are zero."""
+    determinant = inertia[0, 0] * inertia[2, 2] - inertia[0, 2] * inertia[2, 0]
+    return (
+        (inertia[2, 2] * vector[0] - inertia[0, 2] * vector[2]) / determinant,
+        vector[1] / inertia[1, 1],
+        (inertia[0, 0] * vector[2] - inertia[2, 0] * vector[0]) / determinant,
+    )
+
+
+@njit(cache=True)
+def euler_equations(moment: Vector, rates: Vector, inertia: Array) -> Vector:
+    """d/dt (p, q, r) [rad/s^2] for the moment about the centre of gravity [N m]: (6.19)."""
+    momentum = (
+        inertia[0, 0] * rates[0] + inertia[0, 1] * rates[1] + inertia[0, 2] * rates[2],
+        inertia[1, 0] * rates[0] + inertia[1, 1] * rates[1] + inertia[1, 2] * rates[2],
+        inertia[2, 0] * rates[0] + inertia[2, 1] * rates[1] + inertia[2, 2] * rates[2],
+    )
+    kept = crossed(rates, momentum)
+    return solved(inertia, (moment[0] - kept[0], moment[1] - kept[1], moment[2] - kept[2]))
+
+
+@njit(cache=True)
+def velocity_equations(specific_force: Vector, rates: Vector, velocity: Vector, gravity_b: Vector) -> Vector:
+    """d/dt (u, v, w) [m/s^2] of the inertial velocity in body axes: (6.16)-(6.18), gravity in body axes."""
+    turned = crossed(rates, velocity)
+    return (
+        specific_force[0] + gravity_b[0] - turned[0],
+        specific_force[1] + gravity_b[1] - turned[1],
+        specific_force[2] + gravity_b[2] - turned[2],
+    )
+
+
+# -- on arrays --------------------------------------------------------------------------------------------------------
+
+
 @njit(cache=True)
 def cross(a: Array, b: Array) -> Array:
     """Vector product a x b, shape (3,)."""
-    return np.array([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
+    return np.array(crossed(three(a), three(b)))
 
 
 @njit(cache=True)
@@ -53,20 +100,13 @@ def coefficients_of(
 @njit(cache=True)
 def solve_inertia(inertia: Array, vector: Array) -> Array:
     """x of ``inertia x = vector`` for the matrix of (6.19), whose xy and yz products are zero; shape (3,)."""
-    determinant = inertia[0, 0] * inertia[2, 2] - inertia[0, 2] * inertia[2, 0]
-    return np.array(
-        [
-            (inertia[2, 2] * vector[0] - inertia[0, 2] * vector[2]) / determinant,
-            vector[1] / inertia[1, 1],
-            (inertia[0, 0] * vector[2] - inertia[2, 0] * vector[0]) / determinant,
-        ]
-    )
+    return np.array(solved(inertia, three(vector)))
 
 
 @njit(cache=True)
 def angular_acceleration(moment: Array, rates: Array, inertia: Array) -> Array:
     """d/dt (p, q, r) [rad/s^2] for the moment about the centre of gravity [N m]: (6.19)."""
-    return solve_inertia(inertia, moment - cross(rates, inertia @ rates))
+    return np.array(euler_equations(three(moment), three(rates), inertia))
 
 
 @njit(cache=True)
@@ -90,4 +130,4 @@ def moment_at_reference(moment: Array, force: Array, reference: Array) -> Array:
 @njit(cache=True)
 def body_velocity_derivative(specific_force: Array, rates: Array, velocity: Array, gravity_b: Array) -> Array:
     """d/dt (u, v, w) [m/s^2] of the inertial velocity in body axes: (6.16)-(6.18), gravity in body axes."""
-    return specific_force + gravity_b - cross(rates, velocity)
+    return np.array(velocity_equations(three(specific_force), three(rates), three(velocity), three(gravity_b)))

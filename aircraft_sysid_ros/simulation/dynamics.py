@@ -19,7 +19,16 @@ from aircraft_sysid_ros.aircraft.aerodynamic_model import AerodynamicModel, mode
 from aircraft_sysid_ros.aircraft.atmosphere import STANDARD_GRAVITY
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
 from aircraft_sysid_ros.aircraft.expression import parse_expression
-from aircraft_sysid_ros.aircraft.frames import air_data_from_velocity, quaternion_product, rotation_matrix
+from aircraft_sysid_ros.aircraft.frames import (
+    Matrix,
+    Vector,
+    air_data_from_velocity,
+    applied,
+    rotation,
+    three,
+    transposed,
+    turned,
+)
 from aircraft_sysid_ros.aircraft.named_inputs import NamedInput
 from aircraft_sysid_ros.aircraft.postfix import STACK_SIZE, evaluate_program, evaluate_programs
 from aircraft_sysid_ros.aircraft.signals import FIRST_LAG, SIGNAL_COUNT, SIGNAL_INDEX, SIGNALS
@@ -180,10 +189,10 @@ def thrust_of(airframe: Airframe, throttle: float, airspeed: float) -> float:
 
 
 @njit(cache=True)
-def signal_row(airframe: Airframe, place: Place, state: Array, air_velocity: Array, time: float) -> tuple[Array, float]:
-    """Signal row, shape (SIGNAL_COUNT,), without the flow rates, and the thrust [N]."""
-    out = np.zeros(SIGNAL_COUNT)
-    speed, alpha, beta = air_data_from_velocity(air_velocity)
+def _put_signals(airframe: Airframe, place: Place, state: Array, air: Vector, time: float, out: Array) -> float:
+    """Fill in a signal row (SIGNAL_COUNT,) but for the flow rates, of an air-relative velocity; returns thrust [N]."""
+    out[:] = 0.0
+    speed, alpha, beta = air_data_from_velocity(air)
     altitude = place.altitude - state[POSITION + 2]
     throttle = state[CONTROLS + 3]
     thrust = thrust_of(airframe, throttle, speed)
@@ -203,7 +212,7 @@ def signal_row(airframe: Airframe, place: Place, state: Array, air_velocity: Arr
         out[_INPUTS + k] = middle + 0.5 * swing * (np.sin(rate * time) + np.sin(_SECOND_RATE * rate * time))
     for k in range(len(state) - STATE_SIZE):
         out[FIRST_LAG + k] = state[STATE_SIZE + k]
-    return out, thrust
+    return thrust
 
 
 @njit(cache=True)
@@ -219,13 +228,19 @@ def lagging(airframe: Airframe, signals: Array) -> Array:
 @njit(cache=True)
 def aerodynamic_coefficients(airframe: Airframe, signals: Array) -> Array:
     """C_X … C_n, shape (6,), of one signal row: (6.8)-(6.13) or whatever terms the file lists."""
-    regressors = np.empty(len(airframe.parameters))
-    evaluate_programs(airframe.code, airframe.term_offsets, signals, regressors)
     out = np.empty(6)
-    for axis in range(6):
-        a, b = airframe.axis_offsets[axis], airframe.axis_offsets[axis + 1]
-        out[axis] = np.dot(regressors[a:b], airframe.parameters[a:b])
+    _put_coefficients(airframe, signals, np.empty(len(airframe.parameters)), out)
     return out
+
+
+@njit(cache=True)
+def _put_coefficients(airframe: Airframe, signals: Array, regressors: Array, out: Array) -> None:
+    """``aerodynamic_coefficients`` into ``out``."""
+    evaluate_programs(airframe.code, airframe.term_offsets, signals, regressors)
+    for axis in range(6):
+        out[axis] = 0.0
+        for k in range(airframe.axis_offsets[axis], airframe.axis_offsets[axis + 1]):
+            out[axis] += regressors[k] * airframe.parameters[k]
 
 
 @njit(cache=True)
@@ -235,30 +250,52 @@ def motion(airframe: Airframe, place: Place, state: Array, wind: Array, time: fl
     alpha_dot and beta_dot are those of the motion, (6.16)-(6.18): gusts, whose derivative is noise, are not in them.
     A state without the lags of the aerodynamics, which follow the 17, is a steady one.
     """
-    to_body = rotation_matrix(state[ATTITUDE : ATTITUDE + 4]).T.copy()
-    air_velocity = to_body @ (state[VELOCITY : VELOCITY + 3] - wind)
-    fall = to_body @ np.array([0.0, 0.0, place.gravity])
-    rates = state[RATES : RATES + 3].copy()
-    signals, thrust = signal_row(airframe, place, state, air_velocity, time)
-    for _ in range(_FLOW_RATE_PASSES if airframe.has_flow_rates else 1):
-        if len(state) == STATE_SIZE and len(airframe.lag_times):
-            signals[FIRST_LAG : FIRST_LAG + len(airframe.lag_times)] = lagging(airframe, signals)
-        coefficients = aerodynamic_coefficients(airframe, signals)
-        force, moment = rigid_body.forces_and_moments(
-            coefficients, signals[_QBAR], airframe.wing_area, airframe.span, airframe.chord
-        )
-        specific_force = force / airframe.mass
-        change = rigid_body.body_velocity_derivative(specific_force, rates, air_velocity, fall)
-        alpha_dot, beta_dot = flow_rates(air_velocity, change)
-        signals[_ALPHA_DOT] = alpha_dot * airframe.chord / signals[_V]
-        signals[_BETA_DOT] = beta_dot * airframe.span / (2.0 * signals[_V])
-    moment = rigid_body.moment_at_centre_of_gravity(moment, force, airframe.reference)
-    acceleration = rigid_body.angular_acceleration(moment, rates, airframe.inertia)
-    return Motion(coefficients, specific_force, acceleration, air_velocity, signals, thrust)
+    signals, coefficients = np.empty(SIGNAL_COUNT), np.empty(6)
+    regressors = np.empty(len(airframe.parameters))
+    force, acceleration, air, thrust = _acting(
+        airframe, place, state, three(wind), time, signals, regressors, coefficients
+    )
+    return Motion(coefficients, np.array(force), np.array(acceleration), np.array(air), signals, thrust)
 
 
 @njit(cache=True)
-def flow_rates(velocity: Array, change: Array) -> tuple[float, float]:
+def _acting(
+    airframe: Airframe, place: Place, state: Array, wind: Vector, time: float, signals: Array, regressors: Array,
+    coefficients: Array,
+) -> tuple[Vector, Vector, Vector, float]:  # fmt: skip
+    """Specific force, angular acceleration, air-relative velocity and thrust; fills in signals and coefficients."""
+    to_body = transposed(_attitude(state))
+    air = applied(to_body, (state[VELOCITY] - wind[0], state[VELOCITY + 1] - wind[1], state[VELOCITY + 2] - wind[2]))
+    fall = (to_body[2] * place.gravity, to_body[5] * place.gravity, to_body[8] * place.gravity)
+    rates = (state[RATES], state[RATES + 1], state[RATES + 2])
+    thrust = _put_signals(airframe, place, state, air, time, signals)
+    scale = signals[_QBAR] * airframe.wing_area
+    for _ in range(_FLOW_RATE_PASSES if airframe.has_flow_rates else 1):
+        if len(state) == STATE_SIZE and len(airframe.lag_times):
+            signals[FIRST_LAG : FIRST_LAG + len(airframe.lag_times)] = lagging(airframe, signals)
+        _put_coefficients(airframe, signals, regressors, coefficients)
+        force = (scale * coefficients[0], scale * coefficients[1], scale * coefficients[2])
+        specific = (force[0] / airframe.mass, force[1] / airframe.mass, force[2] / airframe.mass)
+        alpha_dot, beta_dot = flow_rates(air, rigid_body.velocity_equations(specific, rates, air, fall))
+        signals[_ALPHA_DOT] = alpha_dot * airframe.chord / signals[_V]
+        signals[_BETA_DOT] = beta_dot * airframe.span / (2.0 * signals[_V])
+    arm = rigid_body.crossed(three(airframe.reference), force)  # M_cg = M_ref + r x F
+    moment = (
+        scale * coefficients[3] * airframe.span + arm[0],
+        scale * coefficients[4] * airframe.chord + arm[1],
+        scale * coefficients[5] * airframe.span + arm[2],
+    )
+    return specific, rigid_body.euler_equations(moment, rates, airframe.inertia), air, thrust
+
+
+@njit(cache=True)
+def _attitude(state: Array) -> Matrix:
+    """Body to NED."""
+    return rotation(state[ATTITUDE], state[ATTITUDE + 1], state[ATTITUDE + 2], state[ATTITUDE + 3])
+
+
+@njit(cache=True)
+def flow_rates(velocity: Array | Vector, change: Array | Vector) -> tuple[float, float]:
     """d alpha/dt and d beta/dt [rad/s] of an air-relative velocity (3,) and its derivative, body axes."""
     u, v, w = velocity
     ahead2 = u * u + w * w
@@ -271,19 +308,31 @@ def flow_rates(velocity: Array, change: Array) -> tuple[float, float]:
 @njit(cache=True)
 def state_derivative(airframe: Airframe, place: Place, state: Array, command: Array, wind: Array, time: float) -> Array:
     """d/dt of the state, shape (17,), for commanded controls (4,)."""
-    acting = motion(airframe, place, state, wind, time)
-    out = np.empty(len(state))
-    out[POSITION : POSITION + 3] = state[VELOCITY : VELOCITY + 3]
-    attitude = state[ATTITUDE : ATTITUDE + 4]
-    out[VELOCITY : VELOCITY + 3] = rotation_matrix(attitude) @ acting.specific_force
-    out[VELOCITY + 2] += place.gravity
-    p, q, r = state[RATES : RATES + 3]
-    out[ATTITUDE : ATTITUDE + 4] = 0.5 * quaternion_product(attitude, np.array([0.0, p, q, r]))
-    out[RATES : RATES + 3] = acting.angular_acceleration
-    out[CONTROLS:STATE_SIZE] = airframe.actuator_rates * (limited(command) - state[CONTROLS:STATE_SIZE])
-    towards = (lagging(airframe, acting.signals) - state[STATE_SIZE:]) / airframe.lag_times
-    out[STATE_SIZE:] = np.minimum(np.maximum(towards, -airframe.lag_rates), airframe.lag_rates)
+    out, signals, coefficients = np.empty(len(state)), np.empty(SIGNAL_COUNT), np.empty(6)
+    regressors = np.empty(len(airframe.parameters))
+    _put_derivative(airframe, place, state, limited(command), three(wind), time, signals, regressors, coefficients, out)
     return out
+
+
+@njit(cache=True)
+def _put_derivative(
+    airframe: Airframe, place: Place, state: Array, command: Array, wind: Vector, time: float, signals: Array,
+    regressors: Array, coefficients: Array, out: Array,
+) -> None:  # fmt: skip
+    """``state_derivative`` into ``out``, of a command that is within its limits; the arrays before are overwritten."""
+    force, acceleration, _, _ = _acting(airframe, place, state, wind, time, signals, regressors, coefficients)
+    faster = applied(_attitude(state), force)
+    attitude = (state[ATTITUDE], state[ATTITUDE + 1], state[ATTITUDE + 2], state[ATTITUDE + 3])
+    turn = turned(attitude, (0.0, state[RATES], state[RATES + 1], state[RATES + 2]))
+    for i in range(3):
+        out[POSITION + i], out[VELOCITY + i], out[RATES + i] = state[VELOCITY + i], faster[i], acceleration[i]
+    out[VELOCITY + 2] += place.gravity
+    for i in range(4):
+        out[ATTITUDE + i] = 0.5 * turn[i]
+        out[CONTROLS + i] = airframe.actuator_rates[i] * (command[i] - state[CONTROLS + i])
+    if len(airframe.lag_times):
+        towards = (lagging(airframe, signals) - state[STATE_SIZE:]) / airframe.lag_times
+        out[STATE_SIZE:] = np.minimum(np.maximum(towards, -airframe.lag_rates), airframe.lag_rates)
 
 
 @njit(cache=True)
@@ -306,12 +355,23 @@ def runge_kutta_step(
     step: float,
 ) -> Array:
     """State one step [s] later: classical fourth order, wind linear within the step, controls held."""
-    middle = 0.5 * (wind + wind_next)
-    half = 0.5 * step
-    k1 = state_derivative(airframe, place, state, command, wind, time)
-    k2 = state_derivative(airframe, place, state + half * k1, command, middle, time + half)
-    k3 = state_derivative(airframe, place, state + half * k2, command, middle, time + half)
-    k4 = state_derivative(airframe, place, state + step * k3, command, wind_next, time + step)
-    out = state + step / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
-    out[ATTITUDE : ATTITUDE + 4] /= np.sqrt(np.sum(out[ATTITUDE : ATTITUDE + 4] ** 2))
+    begin, end = three(wind), three(wind_next)
+    middle = (0.5 * (begin[0] + end[0]), 0.5 * (begin[1] + end[1]), 0.5 * (begin[2] + end[2]))
+    half, within = 0.5 * step, limited(command)
+    signals, coefficients = np.empty(SIGNAL_COUNT), np.empty(6)
+    regressors = np.empty(len(airframe.parameters))
+    there, out, k = state.copy(), state.copy(), np.empty(len(state))
+    for stage in range(4):
+        air = begin if stage == 0 else end if stage == 3 else middle
+        ahead = 0.0 if stage == 0 else step if stage == 3 else half
+        if stage > 0:
+            for i in range(len(state)):
+                there[i] = state[i] + ahead * k[i]
+        _put_derivative(airframe, place, there, within, air, time + ahead, signals, regressors, coefficients, k)
+        share = step / 6.0 if stage in (0, 3) else step / 3.0
+        for i in range(len(state)):
+            out[i] += share * k[i]
+    length = np.sqrt(np.sum(out[ATTITUDE : ATTITUDE + 4] ** 2))
+    for i in range(4):
+        out[ATTITUDE + i] /= length
     return out
