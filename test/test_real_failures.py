@@ -19,6 +19,7 @@ HELD = (74.3, 77.9)
 CUT = 1531943927.13 - 1531943810.9
 
 
+@pytest.mark.long
 def test_an_elevon_that_software_held_is_named_with_both_times(shared_data, tmp_path) -> None:
     said = real_failures.said_of("commands", shared_data, tmp_path)
     (found,) = said["candidates"]

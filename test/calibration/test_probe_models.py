@@ -82,6 +82,7 @@ def test_a_steady_flight_with_a_straight_curve_supports_the_paper_s(probe_made, 
     assert np.all(np.abs(forced.answer.xi[at]) < 4.0 * forced.answer.std[at])  # there is none
 
 
+@pytest.mark.long
 def test_a_bent_curve_is_noticed_and_found(calibration_aircraft):
     """The answer covers the truth, from which the paper's model is far off."""
     errors = drawn_errors(11)

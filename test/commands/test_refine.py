@@ -58,6 +58,7 @@ def ask(capsys, *arguments):
     return json.loads(capsys.readouterr().out)
 
 
+@pytest.mark.long
 def test_what_was_added_is_refined_and_said_to_be(tmp_path, aircraft_file, capsys):
     """Simulate with an effect, replay, add, refine: the current version is refined, another one on request."""
     flight, run = tmp_path / "flight", tmp_path / "run"

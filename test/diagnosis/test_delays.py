@@ -48,7 +48,7 @@ def test_surfaces_that_are_late_are_not_laid_to_the_imu(aircraft):
 
 
 #: Lag of the servos and dead time [s]: which of the two is likelier by itself.
-SERVOS = [(0.06, 0.0, "lag"), (0.0, 0.06, "delay"), (0.03, 0.06, "delay")]
+SERVOS = [(0.06, 0.0, "lag"), pytest.param(0.0, 0.06, "delay", marks=pytest.mark.long), (0.03, 0.06, "delay")]
 
 
 @pytest.mark.parametrize(("lag", "dead_time", "first"), SERVOS)

@@ -133,6 +133,7 @@ def test_with_what_was_found_the_error_is_that_of_the_truth(two_effects):
         assert two_effects.diagnosis.bench.fits[axis].nrmse_held_out < 1.4 * two_effects.diagnosis.floor[axis]
 
 
+@pytest.mark.long
 def test_a_servo_that_follows_with_a_lag_is_late_and_has_no_limit_of_its_rate() -> None:
     """A delay is a simple picture of a lag: what that left had been a rate limit, and C_m by alpha_dot."""
     slow = SensorOptions(command_lag=0.06, attitude=True)

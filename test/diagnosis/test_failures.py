@@ -219,6 +219,7 @@ def test_with_vanes_and_commands_too_slow_for_the_library_the_forces_judge_the_s
     ]
 
 
+@pytest.mark.long
 def test_a_jet_that_is_throttled_back_has_not_lost_its_engine() -> None:
     """JSBSim's 737 makes no thrust while it idles, nor in the 5 s after that in which its turbines spool up."""
     layout = flights.Layout(10.0, 10.0, 20.0, elevons=False, vanes=True)
@@ -244,6 +245,7 @@ def test_with_vanes_an_engine_is_told_by_the_forces_where_nobody_measured_its_th
     assert not by_forces(known, flight.samples).says_something, "the model has it now"
 
 
+@pytest.mark.long
 def test_an_elevon_that_is_held_for_seconds_only_is_told_by_two_moments() -> None:
     flight = flights.fly(9100005, flights.LAYOUTS["no airspeed, 60 Hz"], "elevon_right", moved=True, lasting=5.6)
     (found,) = failures_of(flight.aircraft, flight.samples).found
@@ -255,9 +257,11 @@ def test_an_elevon_that_is_held_for_seconds_only_is_told_by_two_moments() -> Non
     ("seed", "layout"),
     [
         (8700007, "no airspeed, 25 Hz"),  # held for the 3 s before it pushes
-        (9850011, "no airspeed, 25 Hz"),  # held up to the midst of a doublet
+        pytest.param(9850011, "no airspeed, 25 Hz", marks=pytest.mark.long),  # held up to the midst of a doublet
         (9860024, "airspeed, 10 Hz"),  # held for as long as the aeroplane turns
-        (9860041, "airspeed, 50 Hz"),  # another rolling moment for as long as it does not
+        pytest.param(
+            9860041, "airspeed, 50 Hz", marks=pytest.mark.long
+        ),  # another moment while it does not
     ],
 )
 def test_what_only_seems_to_fail_is_none(seed, layout) -> None:
@@ -281,6 +285,7 @@ def test_a_control_that_does_something_else_to_the_end_is_unexplained() -> None:
     assert "elevator" not in said["advice"].split("What elevator does")[0], "it is not said to be sound"
 
 
+@pytest.mark.long
 def test_a_surface_that_does_more_to_one_side_has_not_failed() -> None:
     """An elevator that moves half of what is recorded when it goes up, all flight long: as a log of commands has it."""
     flight = flights.fly(9840002, flights.LAYOUTS["airspeed, 50 Hz"], "none")
@@ -312,6 +317,7 @@ def test_a_rudder_that_goes_hard_over_is_a_moment_that_no_input_shows(hard_over)
     assert "No recorded input shows a rolling moment" in said["advice"] and "yawing moment" in said["advice"]
 
 
+@pytest.mark.long
 def test_a_rudder_that_stands_aside_does_not_keep_a_third_of_its_effect() -> None:
     """About a place that is far beyond all that it is told to: no surface keeps a share of its effect there."""
     flight = flights.fly(9977031, flights.LAYOUTS["no airspeed, 25 Hz"], "rudder", moved=True)

@@ -60,6 +60,7 @@ def test_surfaces_of_replicas_move_as_servos_do(aircraft):
     assert max(gains_in_replicas(found, mended, calm, 2)) < 0.1 * found.gain
 
 
+@pytest.mark.long
 def test_what_replicas_feign_as_well_is_no_fault(aircraft, offset, monkeypatch):
     flight, calm, found, _ = offset
     said = []

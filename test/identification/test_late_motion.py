@@ -59,11 +59,15 @@ def test_lateness_is_found_and_what_is_in_use_holds_the_truth(turbulence: str, l
 
 
 #: A servo's lag [s] and a dead time [s] before it; how far off [s] the lag may be found, and each main derivative.
-SERVOS = [(0.05, 0.0, 0.008, 0.12), (0.08, 0.0, 0.012, 0.12), (0.1, 0.03, 0.02, 0.15)]
+SERVOS = [
+    (0.05, 0.0, 0.008, 0.12),
+    pytest.param(0.08, 0.0, 0.012, 0.12, marks=pytest.mark.long),
+    (0.1, 0.03, 0.02, 0.15),
+]
 
 
 @pytest.mark.parametrize(("lag", "dead_time", "far", "off"), SERVOS)
-@pytest.mark.parametrize("turbulence", ["none", "moderate"])
+@pytest.mark.parametrize("turbulence", [pytest.param("none", marks=pytest.mark.long), "moderate"])
 def test_of_commands_the_lag_of_the_servos_is_found_and_parameters_are_freed_of_it(
     turbulence: str, lag: float, dead_time: float, far: float, off: float
 ) -> None:

@@ -38,6 +38,7 @@ def test_before_aileron_and_rudder_have_moved_nothing_of_roll_and_yaw_is_to_be_u
     assert not pipeline.parameters.learning.integrity.count
 
 
+@pytest.mark.long
 def test_in_straight_flight_the_nose_turns_into_gusts_and_the_course_with_them(aircraft):
     """No yaw goes against the course by that: the gyros of a sound flight had been held for it."""
     options = SensorOptions(attitude=True, height_above_ground=True)

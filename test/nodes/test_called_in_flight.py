@@ -72,7 +72,7 @@ def ended(process):
     return json.loads(output), errors
 
 
-@pytest.mark.parametrize("name", NODES)
+@pytest.mark.parametrize("name", [NODES[0], pytest.param(NODES[1], marks=pytest.mark.long)])
 def test_a_node_that_is_to_be_cleaned_up_keeps_the_flight(recording, aircraft_file, tmp_path, caller, name):
     """It was forgotten, and all that was on the disk was deleted at the end."""
     run = tmp_path / "run"

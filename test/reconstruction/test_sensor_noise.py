@@ -292,6 +292,7 @@ def bias_and_doubt(flight, samples):
     return (rows[-1, StateField.ACCELEROMETER_BIAS] - flight.biases.accelerometer[-1])[:2], sigma
 
 
+@pytest.mark.long
 def test_a_bias_is_known_no_better_than_an_attitude_that_drifts_shows_the_tilt():
     """0.4 deg over a minute, as of the filter of an autopilot: biases had been off by seven of their sigmas."""
     errors, sound = [], simulate_samples(default_aircraft(), 90, 120.0, sensors=SensorOptions(attitude=True))
