@@ -259,9 +259,7 @@ def test_an_elevon_that_is_held_for_seconds_only_is_told_by_two_moments() -> Non
         (8700007, "no airspeed, 25 Hz"),  # held for the 3 s before it pushes
         pytest.param(9850011, "no airspeed, 25 Hz", marks=pytest.mark.long),  # held up to the midst of a doublet
         (9860024, "airspeed, 10 Hz"),  # held for as long as the aeroplane turns
-        pytest.param(
-            9860041, "airspeed, 50 Hz", marks=pytest.mark.long
-        ),  # another moment while it does not
+        pytest.param(9860041, "airspeed, 50 Hz", marks=pytest.mark.long),  # another moment while it does not
     ],
 )
 def test_what_only_seems_to_fail_is_none(seed, layout) -> None:
