@@ -2,10 +2,20 @@
 
 from __future__ import annotations
 
+import sys
+from pathlib import Path
+
 import numpy as np
 import pytest
 
+from aircraft_sysid_ros.flight_check.check import check
 from aircraft_sysid_ros.flight_check.laws import surfaces
+from aircraft_sysid_ros.flight_check.signals import SURFACES, flight_of
+from aircraft_sysid_ros.samples import Kind
+from aircraft_sysid_ros.simulation.simulated_flight import simulate_samples
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "benchmarks"))
+import failure_flights as flights
 
 STEP, COUNT, FINE, LATE = 0.1, 1500, 10, 8  # [s], points, steps of the motion in one, and of those an actuator's delay
 
@@ -51,3 +61,26 @@ def test_a_doublet_is_no_autopilot(pulse):
     turning = -6.0 * surface + 0.3 * rng.normal(size=COUNT)
     scan = surfaces._scan(turning, surface, rng.normal(size=(COUNT, 1)), STEP / 2.0)
     assert not scan.is_both_ways and scan.partial < -0.7 and scan.shift == 0.0
+
+
+@pytest.mark.parametrize(
+    ("seed", "layout", "failure"),
+    [
+        (6101084, "airspeed, 10 Hz", "rudder"),  # hard over: its command answers the turning
+        (6100021, "airspeed, 50 Hz", "rudder"),
+        (6102023, "no airspeed, 25 Hz", "none"),  # the aileron leads the turning that it has been moved for
+    ],
+)
+def test_what_an_autopilot_moves_has_neither_the_other_sign_nor_another_time(seed, layout, failure):
+    flown = flights.fly(seed, flights.LAYOUTS[layout], failure, moved=True)
+    flight = flight_of(flown.samples, flown.samples.stamp, surface_signs=flown.aircraft.surface_signs)
+    told = [f for f in check(flight, flown.aircraft.model).findings if f.kind in ("sign", "offset")]
+    assert told == []
+
+
+@pytest.mark.parametrize("column", range(3))
+def test_a_surface_of_the_other_sign_is_told_however_an_autopilot_moves_it(column, aircraft):
+    samples = simulate_samples(aircraft, 33, 60.0, turbulence="light", manoeuvres="varied").samples
+    samples.values[samples.kind == Kind.CONTROLS, column] *= -1.0
+    found = [f for f in check(flight_of(samples, samples.stamp), aircraft.model).findings if f.kind == "sign"]
+    assert [f.signals for f in found] == [(SURFACES[column],)]

@@ -19,6 +19,7 @@ from aircraft_sysid_ros.flight_check.grid import Comparison
 from aircraft_sysid_ros.flight_check.motion import Motion
 from aircraft_sysid_ros.flight_check.relation import Relation
 from aircraft_sysid_ros.flight_check.signals import GYRO
+from aircraft_sysid_ros.samples import Kind
 
 Array = npt.NDArray[np.float64]
 _SHORT, _LONG = 0.08, 6.0
@@ -32,6 +33,10 @@ _LEAST = 0.7
 #: little later, and the opposite a little earlier. In quiet flights (JSBSim, 10 to 25 Hz, no delay) that was 0.5 to 0.9
 #: of surfaces that seemed to be 0.2 s late and more; of surfaces that do turn the aeroplane 0 to 0.44.
 _BOTH_WAYS = 0.45
+#: Longest time [s] between samples of a surface by which cause and answer are told apart, and longest time [s] that
+#: servos need: an autopilot that has lost its rudder answers the turning with it, and its aileron is led by the rolling
+#: that it has made before; nothing but when tells either from a surface of the other sign.
+_SLOWEST, _SERVO = 0.2, 0.15
 #: An exchanged surface does so much less about its own axis.
 _OWN = 0.6
 
@@ -96,6 +101,8 @@ def _relation(motion: Motion, axis: _Axis) -> list[Relation]:
     if scan is None or scan.is_both_ways:
         return []
     sign = -_sign_of(motion, axis.surface) * np.sign(scan.partial)
+    if sign < 0.0 and _may_answer(motion, scan.shift):
+        return []
     strength = abs(scan.partial) if abs(scan.partial) > _LEAST else 0.0
     seconds = float(np.sum(motion.in_air) * motion.grid.step)
     comparison = Comparison(float(sign * strength), 1.0, 1.0, -scan.shift, _LAG_STD, 1e3, seconds)
@@ -108,6 +115,14 @@ def _relation(motion: Motion, axis: _Axis) -> list[Relation]:
             lag_tolerance=_LAG_TOLERANCE + 2.0 * motion.grid.step,
         )
     ]
+
+
+def _may_answer(motion: Motion, shift: float) -> bool:
+    """Whether a surface with the other sign that is best so much later [s] than recorded may be moved by an autopilot,
+    after the turning or before the next one.
+    """
+    interval = motion.flight.streams[Kind.CONTROLS].interval
+    return interval > _SLOWEST or not -3.0 * _LAG_TOLERANCE < shift < _SERVO
 
 
 def _series(motion: Motion, surface: int, rate: int, others: tuple[int, ...]) -> tuple[Array, Array, Array]:
