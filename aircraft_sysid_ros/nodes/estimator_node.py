@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any
@@ -74,7 +75,7 @@ COMMON: dict[str, NodeOption] = {
 }
 
 
-class EstimatorNode(ConfigurableNode):
+class EstimatorNode(ConfigurableNode, ABC):
     """Lifecycle, inputs, diagnostics; a node adds its estimator and what it publishes."""
 
     def __init__(self, name: str, inputs: tuple[str, ...], options: Mapping[str, NodeOption], **arguments: Any) -> None:
@@ -96,34 +97,34 @@ class EstimatorNode(ConfigurableNode):
 
     # -- what a node adds ------------------------------------------------------------------------------------
 
+    @abstractmethod
     def make_estimator(self, aircraft: Aircraft, values: Mapping[str, Any]) -> Any:
         """The estimator, compiled and ready."""
-        raise NotImplementedError
 
+    @abstractmethod
     def offer(self) -> None:
         """Create publishers and services with ``publisher`` and ``service``."""
-        raise NotImplementedError
 
+    @abstractmethod
     def take(self, topic: str, message: Any) -> None:
         """One input message."""
-        raise NotImplementedError
 
+    @abstractmethod
     def finish(self) -> None:
         """Use and publish what is still held back."""
-        raise NotImplementedError
 
+    @abstractmethod
     def begin_anew(self) -> None:
         """Forget what was estimated and go on."""
-        raise NotImplementedError
 
     @property
+    @abstractmethod
     def flown(self) -> float:
         """Time of flight [s]; 0 before it has begun."""
-        raise NotImplementedError
 
+    @abstractmethod
     def condition(self) -> tuple[str, dict[str, Any]]:
         """What is wrong in words, empty when nothing is, and values for the diagnostics."""
-        raise NotImplementedError
 
     # -- lifecycle -------------------------------------------------------------------------------------------
 

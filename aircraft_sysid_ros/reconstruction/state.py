@@ -50,6 +50,7 @@ class StateField:
     WIND = slice(20, 23)
     STANDARD_DEVIATIONS = slice(23, 41)  # velocity, position, attitude, the biases, wind
     ACCELEROMETER_BIAS_STD = slice(32, 35)  # of these
+    WIND_STD = slice(38, 41)  # of these
     SPECIFIC_FORCE = slice(41, 44)
     ANGULAR_VELOCITY = slice(44, 47)
     AIRSPEED = 47
@@ -198,12 +199,9 @@ class Setup(NamedTuple):
     is_calm: bool  # and so in place of a measured airspeed
 
 
-_WIND_STD = slice(StateField.STANDARD_DEVIATIONS.stop - 3, StateField.STANDARD_DEVIATIONS.stop)
-
-
 def without_wind(rows: npt.NDArray[np.float64]) -> None:
     """Take the wind out of rows (n, StateField.WIDTH) in which it is not estimated, in place."""
-    rows[:, StateField.WIND] = rows[:, _WIND_STD] = np.nan
+    rows[:, StateField.WIND] = rows[:, StateField.WIND_STD] = np.nan
 
 
 def in_moving_air(rows: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
@@ -216,7 +214,7 @@ def in_moving_air(rows: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
         return rows
     rows = rows.copy()
     rows[unknown, StateField.WIND] = 0.0
-    rows[unknown, _WIND_STD] = GUST_STD
+    rows[unknown, StateField.WIND_STD] = GUST_STD
     return rows
 
 

@@ -57,7 +57,6 @@ _STATE_COLUMNS: dict[str, slice | int] = {
 _COUNT_COLUMNS = {"fused": StateField.FUSED, "rejected": StateField.REJECTED, "late": StateField.LATE}
 #: STATUS_CONTRADICTED of AircraftState: so many times the number of the sensor is added to the status.
 _CONTRADICTED = 16
-_WIND_STD = slice(StateField.STANDARD_DEVIATIONS.stop - 3, StateField.STANDARD_DEVIATIONS.stop)
 
 
 def state_fields(rows: Array) -> dict[str, npt.NDArray[Any]]:
@@ -92,7 +91,7 @@ def wind_fields(rows: Array) -> dict[str, npt.NDArray[Any]]:
     n = len(rows)
     covariance = np.zeros((n, 6, 6))
     for i, source in enumerate((1, 0, 2)):
-        covariance[:, i, i] = np.square(rows[:, _WIND_STD])[:, source]
+        covariance[:, i, i] = np.square(rows[:, StateField.WIND_STD])[:, source]
         covariance[:, 3 + i, 3 + i] = UNKNOWN_VARIANCE
     return {
         "twist.twist.linear": enu_from_ned(rows[:, StateField.WIND]),

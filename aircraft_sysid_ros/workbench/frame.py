@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -42,7 +43,7 @@ class Look:
     beside: str | None = None  # version that is drawn as well
 
 
-class Frame:
+class Frame(ABC):
     """One browser's page: a header with a notice under it, and views of which the first is shown."""
 
     def __init__(self, session: Any, theme: str | None) -> None:
@@ -68,22 +69,22 @@ class Frame:
     # -- what a page adds ------------------------------------------------------------------------------------
 
     @property
+    @abstractmethod
     def name(self) -> str:
         """Heading of the page."""
-        raise NotImplementedError
 
+    @abstractmethod
     def views(self) -> dict[str, Panel]:
         """The views by name."""
-        raise NotImplementedError
 
+    @abstractmethod
     def follow(self) -> None:
         """Show what the session holds now; called every POLL seconds."""
-        raise NotImplementedError
 
     @property
+    @abstractmethod
     def allowed(self) -> bool:
         """Whether the model may be changed now."""
-        raise NotImplementedError
 
     # -- frame -----------------------------------------------------------------------------------------------
 
@@ -127,10 +128,10 @@ class Frame:
         dialog.on_value_change(lambda event: None if event.value else dialog.delete())
         dialog.open()
 
-    def header_extras(self) -> None:
+    def header_extras(self) -> None:  # noqa: B027  a page may have none
         """More elements of the header."""
 
-    def notice_extras(self) -> None:
+    def notice_extras(self) -> None:  # noqa: B027
         """More elements of the notice."""
 
     def notice(self, text: str, is_bad: bool, is_shown: bool = False) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -11,7 +12,7 @@ from nicegui import ui
 from aircraft_sysid_ros.workbench.views.figure import Figure
 
 
-class Panel:
+class Panel(ABC):
     """One view: built when it is first shown, then brought up to date."""
 
     def __init__(self, page: Any) -> None:
@@ -28,13 +29,13 @@ class Panel:
                 self.build()
             self.allow(self.page.allowed)
 
+    @abstractmethod
     def build(self) -> None:
         """Make the elements of the view."""
-        raise NotImplementedError
 
+    @abstractmethod
     def update(self) -> None:
         """Show what the session holds now."""
-        raise NotImplementedError
 
     def refresh(self) -> None:
         """Bring up to date if it has been shown."""

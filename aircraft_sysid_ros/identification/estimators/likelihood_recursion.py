@@ -90,7 +90,7 @@ _FIRST_WIND, _AIRSPEED = _WIND.start, StateField.AIRSPEED
 _VELOCITY_STD = StateField.STANDARD_DEVIATIONS.start + state.D_VELOCITY
 _POSITION_STD = StateField.STANDARD_DEVIATIONS.start + state.D_POSITION
 _ATTITUDE_STD = StateField.STANDARD_DEVIATIONS.start + state.D_ATTITUDE
-_WIND_STD = StateField.STANDARD_DEVIATIONS.start + state.D_AIR_VELOCITY
+_AIR_VELOCITY_STD = StateField.STANDARD_DEVIATIONS.start + state.D_AIR_VELOCITY
 
 
 # -- filters ------------------------------------------------------------------------------------------------------
@@ -109,7 +109,7 @@ def _begin(time: float, row: Array, inputs: Array, recursion: Recursion, tuning:
             p[m, D_POSITION + i, D_POSITION + i] = (START_DOUBT * row[_POSITION_STD + i]) ** 2
             p[m, D_ATTITUDE + i, D_ATTITUDE + i] = (START_DOUBT * row[_ATTITUDE_STD + i]) ** 2
             p[m, D_RATES + i, D_RATES + i] = (START_DOUBT * tuning.gyro_std) ** 2
-            p[m, D_WIND + i, D_WIND + i] = (START_DOUBT * row[_WIND_STD + i]) ** 2
+            p[m, D_WIND + i, D_WIND + i] = (START_DOUBT * row[_AIR_VELOCITY_STD + i]) ** 2
     recursion.inputs[:] = inputs
     clock = recursion.clock
     clock[TIME], clock[RUNNING] = time, 1.0
