@@ -65,6 +65,7 @@ class Input:
         self._beside = beside
         self._node, self._receive = node, receive
         self._next: _Taken | None = None  # taken, and it is not its turn yet
+        self._is_closed = False
         self.subscription = node.create_subscription(kind, topic, _Both(self._come), quality)
         self._numbers = Numbers(self._publishers)
 
@@ -82,6 +83,7 @@ class Input:
 
     def close(self) -> None:
         """Hear no more."""
+        self._is_closed = True
         self._node.destroy_subscription(self.subscription)
 
     def _publishers(self) -> frozenset[bytes]:
@@ -98,6 +100,8 @@ class Input:
 
     def _come(self, message: Any, info: dict[str, Any]) -> None:
         """The executor gives a message: first what came before it, where the process is behind."""
+        if self._is_closed:  # the executor had it in hand
+            return
         came = info["received_timestamp"]  # 0: the middleware does not say
         if came and time.time_ns() - came > _BEHIND:
             self._next = message, info

@@ -174,3 +174,15 @@ def test_what_was_looked_at_is_received_though_nothing_comes_after_it(bench):
         time.sleep(0.05)  # nobody takes it: the process is behind
     bench.spin_until(lambda: len(taken) == 2, 10.0)
     assert taken == ["first", "second"]
+
+
+def test_a_message_that_the_executor_had_in_hand_when_its_node_was_deactivated_is_none(bench):
+    """It asked the destroyed subscription for its publishers, and `live` ended with all nodes."""
+    taken = []
+    heard = Input(bench.helper, Imu, "deactivated", taken.append, QoSProfile(depth=10))
+    information = {"received_timestamp": time.time_ns(), "source_timestamp": 0, "publication_sequence_number": 7}
+    heard._come(Imu(), information)
+    assert len(taken) == 1
+    heard.close()
+    heard._come(Imu(), {**information, "publication_sequence_number": 9})
+    assert len(taken) == 1 and heard.lost == 0
