@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, AerodynamicModel
-from aircraft_sysid_ros.aircraft.signals import SIGNAL_INDEX
+from aircraft_sysid_ros.aircraft.signals import SIGNAL_COUNT, SIGNAL_INDEX
 from aircraft_sysid_ros.identification.coefficients.layout import CoefficientSample
 from aircraft_sysid_ros.identification.doubtful_constants import DoubtfulConstants, slope_of
 from aircraft_sysid_ros.identification.estimators.contract import AxisEstimate
@@ -51,11 +51,12 @@ class Description(NamedTuple):
             ]
         )
 
-    def _of_sensors(self, axis: int) -> OfSensors | None:
+    def of_sensors(self, axis: int) -> OfSensors | None:
         """What vanes do to an axis; those that are inferred have doubts of their own."""
-        if self.sensors is None or self.newest is None:
+        if self.sensors is None:
             return None
-        own, signals = self.own[axis], self.newest[CoefficientSample.SIGNALS]
+        own = self.own[axis]
+        signals = np.zeros(SIGNAL_COUNT) if self.newest is None else self.newest[CoefficientSample.SIGNALS]
         theta = known_theta(self.model, axis, self.least_squares) if own is None else own.theta
         measured = [angle not in self.constants.angles for angle in ANGLES]
         known, model, name = np.nan_to_num(signals), self.model, AXES[axis]
@@ -74,7 +75,7 @@ class Description(NamedTuple):
             part = model.axis_slice(name)
             of_axis, block = axis_estimates(
                 model, axis, self.least_squares, self.time, self.missing[axis], self.own[axis], self.changed[axis],
-                self.bounds, self.priors[axis], self._of_sensors(axis),
+                self.bounds, self.priors[axis], self.of_sensors(axis),
             )  # fmt: skip
             estimates.extend(of_axis)
             covariance[part, :] = covariance[:, part] = 0.0

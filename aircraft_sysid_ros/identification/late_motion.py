@@ -45,6 +45,8 @@ from aircraft_sysid_ros.kernels import njit
 
 Array = npt.NDArray[np.float64]
 Columns = npt.NDArray[np.int64]
+#: Of the terms of an axis that two models have, in the one and in the other.
+Places = tuple[Columns, Columns]
 
 #: One sigma [s] of what is not known before: servos need 0.05 s, filters and loggers as much.
 USUAL = 0.04
@@ -95,19 +97,35 @@ class LateMotion:
     def __init__(self, found: float = 0.0) -> None:
         """``found``: one sigma [s] of what an earlier flight has found, which is taken off."""
         self._found = found
+        self.moments, self._filter = np.zeros((len(_MOMENTS), 0, 0)), np.zeros((len(_MOMENTS), 3, 0))
+        self._begun = np.full(len(_MOMENTS), np.nan)
         self._unknown = (Late(DELAY, 1.0, 0.0, USUAL**2),)
 
-    def adopt(self, offsets: Columns, derivatives: Sequence[Columns]) -> None:
-        """Another model, with the places (3,) of the derivatives by SURFACES in each axis, -1: none."""
+    def adopt(self, offsets: Columns, derivatives: Sequence[Columns], stays: Sequence[Places] | None = None) -> None:
+        """Another model, with the places (3,) of the derivatives by SURFACES in each axis, -1: none.
+
+        ``stays``: of each axis the terms that the model before had; None: there was none, or nothing stays.
+        """
+        sums, filters = self.moments, self._filter
         self._offsets, self._derivatives = offsets, derivatives
         size = int(np.diff(offsets).max()) + _MADE
-        self._moments, self._counts = np.zeros((len(_MOMENTS), size, size)), np.zeros(len(_MOMENTS))
-        self.ways: tuple[Late, ...] = self._unknown
-        self.restart_clock()
+        self.moments, self._filter = np.zeros((len(_MOMENTS), size, size)), np.zeros((len(_MOMENTS), 3, size))
+        if stays is None:
+            self.counts = np.zeros(len(_MOMENTS))
+            self.ways: tuple[Late, ...] = self._unknown
+            self.restart_clock()
+            return
+        for m, axis in enumerate(_MOMENTS):
+            old = np.append(stays[axis][0], sums.shape[1] - _MADE + np.arange(_MADE))
+            new = np.append(stays[axis][1], size - _MADE + np.arange(_MADE))
+            self.moments[m][np.ix_(new, new)] = _whole(sums[m])[np.ix_(old, old)]
+            self._filter[m][:, new] = filters[m][:, old]
+            if len(stays[axis][0]) < offsets[axis + 1] - offsets[axis]:
+                self._begun[m] = np.nan  # what is slow of a term that came is not known
 
     def restart_clock(self) -> None:
         """The clock began anew, or another manoeuvre."""
-        self._filter = np.zeros((len(_MOMENTS), 3, self._moments.shape[1]))
+        self._filter = np.zeros((len(_MOMENTS), 3, self.moments.shape[1]))
         self._begun = np.full(len(_MOMENTS), np.nan)
         self._follows = np.full(COUNT * len(_FOLLOW), np.nan)
         self._first = self._due = -np.inf
@@ -116,7 +134,7 @@ class LateMotion:
         """Samples one after the other, with the forms (n, COUNT, FORMS) of their surfaces; of the first and the last
         there are no rates, they come again.
         """
-        _sum(samples, forms, self._offsets, self._follows, self._filter, self._begun, self._counts, self._moments)
+        _sum(samples, forms, self._offsets, self._follows, self._filter, self._begun, self.counts, self.moments)
 
     def is_due(self, time: float) -> bool:
         """Whether it is time [s] to look; then the next look is a step later."""
@@ -145,8 +163,10 @@ class LateMotion:
 
     def look(self, interval: float) -> None:
         """Estimate ``ways`` from what was summed; states come ``interval`` [s] apart, 0: dense."""
-        moments = np.tril(self._moments) + np.tril(self._moments, -1).transpose(0, 2, 1)
-        asked = [_asked(moments[k], self._counts[k], self._derivatives[axis], k) for k, axis in enumerate(_MOMENTS)]
+        asked = [
+            _asked(_whole(self.moments[k]), self.counts[k], self._derivatives[axis], k)
+            for k, axis in enumerate(_MOMENTS)
+        ]
         known = [each for each in asked if each is not None]
         if not known:
             self.ways = self._unknown
@@ -180,6 +200,11 @@ def _way(course: Course, times: Array, weights: Array, sampled: float) -> Late:
     mean = float(share @ times)
     wrong = (_WRONG * (course.dead_time + mean)) ** 2
     return Late(course, probability, mean, float(share @ (times - mean) ** 2) + sampled + wrong)
+
+
+def _whole(sums: Array) -> Array:
+    """Both of each pair, where one is summed."""
+    return np.asarray(np.tril(sums) + np.tril(sums, -1).T)
 
 
 class _Asked(NamedTuple):

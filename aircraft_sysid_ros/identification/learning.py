@@ -157,7 +157,7 @@ class Learning:
         self._undefined = UndefinedTerms(aircraft.model)
         self.undescribed.adopt(aircraft.model)
         self.changes.restart()
-        self.integrity.adopt(aircraft)
+        self.integrity.change_model(aircraft)
         self.landing.restart()
         self.fleet.adopt(aircraft.model)
         self.health.adopt(aircraft.model)
@@ -300,9 +300,12 @@ class Learning:
         """
         model, state = self.aircraft.model, self.least_squares.state
         own = [ParameterEstimate(name, np.nan, np.nan, Trust.HOLD, "", np.nan, 0.0) for name in model.parameter_names]
+        least_squares: list[AxisEstimate | None] = [None] * len(AXES)
+        described = self._describe(state, now, [None] * len(AXES))._replace(own=least_squares)
         for axis, name in enumerate(AXES):
             if self.integrity.holds[axis] is None and not (missing := self._missing(axis)):
-                found, _ = axis_estimates(model, axis, state, now, missing, bounds=self.aircraft.parameter_bounds)
+                bounds, of_sensors = self.aircraft.parameter_bounds, described.of_sensors(axis)
+                found, _ = axis_estimates(model, axis, state, now, missing, bounds=bounds, sensors=of_sensors)
                 own[model.axis_slice(name)] = found
                 self.fleet.look(axis, *_columns(found), now - start)
         self.health.look(*_columns(own), now - start)

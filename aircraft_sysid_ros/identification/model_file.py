@@ -48,6 +48,7 @@ def save_model(estimator: Identifier, path: str | Path) -> None:
         "terms": estimator.model.terms,
         "parameters": parameters_json(estimator)["parameters"],
         "learnt": {name: getattr(estimator.learning.least_squares.state, name).tolist() for name in _LEARNT},
+        "sensors": {name: sums.tolist() for name, sums in estimator.learning.undescribed.sums.items()},
     }
     path = Path(path)
     try:
@@ -83,16 +84,18 @@ def load_model(estimator: Identifier, path: str | Path) -> str:
         nothing = {"vane_covariance": estimator.learning.least_squares.new_state(estimator.model).vane_covariance}
         saved = nothing | content["learnt"]  # an older file does not have it
         learnt = {name: np.array(saved[name], dtype=np.float64) for name in _LEARNT}
-    except (KeyError, TypeError, ValueError):
+        sensors = {name: np.array(sums, dtype=np.float64) for name, sums in content.get("sensors", {}).items()}
+    except (KeyError, TypeError, ValueError, AttributeError):
         raise InputError(f"the model file {path} is damaged: save it again") from None
     if terms != estimator.model.terms:
         raise InputError(
             f"the model in {path} has other terms than the one that flies: {_difference(terms, estimator)}"
         )
-    _check_shapes(estimator, learnt, path)
+    _check_shapes(estimator, learnt, sensors, path)
     estimator.reset()
     for name, array in learnt.items():
         getattr(estimator.learning.least_squares.state, name)[:] = array
+    estimator.learning.undescribed.go_on(sensors)
     return estimator.model.identifier
 
 
@@ -105,7 +108,11 @@ def _difference(terms: Mapping[str, tuple[str, ...]], estimator: Identifier) -> 
     return f"it {' and '.join(parts) or 'has them in another order'}: change the model first, or use its aircraft file"
 
 
-def _check_shapes(estimator: Identifier, learnt: dict[str, Any], path: str | Path) -> None:
+def _check_shapes(estimator: Identifier, learnt: dict[str, Any], sensors: dict[str, Any], path: str | Path) -> None:
+    own = estimator.learning.undescribed.sums
+    for name, array in sensors.items():
+        if name not in own or array.shape != own[name].shape or not np.all(np.isfinite(array)):
+            raise InputError(f"the model file {path} is damaged or was saved with another aircraft file: save it again")
     for name, array in learnt.items():
         if array.shape != getattr(estimator.learning.least_squares.state, name).shape or not np.all(np.isfinite(array)):
             raise InputError(f"the model file {path} is damaged or was saved with other options: save it again")

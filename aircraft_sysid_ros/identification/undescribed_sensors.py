@@ -39,7 +39,7 @@ noisy a sensor is and nothing else, as one that a flight completed does, does no
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -63,7 +63,7 @@ from aircraft_sysid_ros.identification.coefficients.layout import (
     CoefficientBatch,
 )
 from aircraft_sysid_ros.identification.coefficients.signals import flow_angle_rates
-from aircraft_sysid_ros.identification.late_motion import Late, LateMotion
+from aircraft_sysid_ros.identification.late_motion import Late, LateMotion, Places
 from aircraft_sysid_ros.identification.moved_surfaces import (
     COUNT,
     FORMS,
@@ -100,6 +100,9 @@ _ACROSS = ([0, 1], [0, 2])
 _SAMPLED = 0.005
 #: From so many standard errors and seconds on a flight contradicts what the aircraft file says of late surfaces.
 _CONTRADICTED, _WORTH_A_WORD = 3.0, 0.015
+#: What was learnt in another flight is not to be used for so long [s], until this one has shown its sensors; least
+#: sigma of a constant and of a derivative meanwhile, or its size.
+_NEW, _CONSTANT, _DERIVATIVE = 15.0, 0.02, 0.3
 #: What those of before an axis was learnt anew count; nothing would leave the first seconds without any.
 _ANEW = 0.02
 #: So much of a derivative is taken away at most.
@@ -133,6 +136,7 @@ class SensorDoubt(NamedTuple):
     place: Array  # (3,) [m] one sigma of the place of the IMU
     vane_place: Array  # (3,) [m] the same of the vanes
     late: tuple[Late, ...]  # motion after the surfaces
+    is_new: bool  # too little was summed for what was learnt elsewhere
     regressions: Array  # (6, k, n): of each axis, of what may be wrong on its terms
 
     def of(self, model: AerodynamicModel, axis: int, theta: Array, slopes: Sequence[float], bend: float) -> OfSensors:
@@ -142,6 +146,9 @@ class SensorDoubt(NamedTuple):
         n = len(model.terms[AXES[axis]])
         shift, left, found = np.zeros(n), np.zeros((n, n)), np.zeros((n, n))
         all_rows = self.regressions[axis, :, :n]
+        if self.is_new:
+            least = np.array([_CONSTANT if text == "1" else _DERIVATIVE for text in model.terms[AXES[axis]]])
+            return OfSensors(shift, np.diag(np.maximum(np.abs(np.nan_to_num(theta)), least) ** 2), found)
         if not np.isfinite(all_rows).all():
             return OfSensors(shift, left, found)
         bends = bend * all_rows[_BY_ALPHA:_FORMS]
@@ -215,20 +222,29 @@ class UndescribedSensors:
         self._frees = not _OF_MOTION & said  # else what is said is believed, and watched
         self._surfaces = MovedSurfaces()
         self._any = bool(self._asked.any() or aircraft.unsaid or self._frees)
+        self._model: AerodynamicModel | None = None
+        self._squares, self._products = np.zeros((len(AXES), 0, 0)), np.zeros((len(AXES), 0, 0))
         self._out_on_wing = aircraft.span * UNSEEN if np.isnan(aircraft.unsaid.get(_SIDEWAYS, 0.0)) else 0.0
         self.adopt(aircraft.model)
         self._moments, self._counts = np.zeros((len(ANGLES), _SERIES, _SERIES)), np.zeros(len(ANGLES))
         self._flown, self._began, self._newest = 0.0, np.nan, np.nan
         self._interval = 0.0  # [s] of states
+        self._waits = 0.0  # [s] until enough is summed for what was learnt elsewhere
         self.restart_clock()
 
     def adopt(self, model: AerodynamicModel) -> None:
-        """Another model: what its terms do is seen anew."""
-        n = int(np.diff(model.offsets).max())
-        self._model, self._offsets = model, model.offsets
+        """Another model: what its terms do is seen anew, of those that the one before did not have."""
+        n, axes, before = int(np.diff(model.offsets).max()), range(len(AXES)), self._model
+        squares, products = np.zeros((len(AXES), n, n)), np.zeros((len(AXES), self._doubtful, n))
+        stays = None if before is None else [_that_stay(before.terms[axis], model.terms[axis]) for axis in AXES]
+        for axis, (old, new) in enumerate(stays or ()):
+            squares[axis][np.ix_(new, new)] = self._squares[axis][np.ix_(old, old)]
+            products[axis][:, new] = self._products[axis][:, old]
+        self._model, self._offsets, self._squares, self._products = model, model.offsets, squares, products
+        self._motion.adopt(model.offsets, [derivatives_of(model, axis) for axis in axes], stays)
         self._freeing: list[Array] = []  # by axis, what frees parameters of late surfaces, where they are
-        self._squares, self._products = np.zeros((len(AXES), n, n)), np.zeros((len(AXES), self._doubtful, n))
-        self._motion.adopt(model.offsets, [derivatives_of(model, axis) for axis in range(len(AXES))])
+        if before is not None:
+            self._free()
         self._samples: Array | None = None  # the newest two, and their forms
         self._forms = np.zeros((0, COUNT, FORMS))
 
@@ -258,7 +274,8 @@ class UndescribedSensors:
         if self._any:
             _follow(batch.rows, batch.history, batch.body, self._filter, self._last, self._counts, self._moments)
         if len(batch.samples):
-            self._newest = float(batch.samples[-1, 0])
+            before, self._newest = self._newest, float(batch.samples[-1, 0])
+            self._waits -= min(max(self._newest - before, 0.0), 1.0) if before < self._newest else 0.0
             self._began = float(batch.samples[0, 0]) if np.isnan(self._began) else self._began
             samples = batch.samples if self._samples is None else np.vstack([self._samples, batch.samples])
             self._new_forms = self._surfaces.follow(batch.samples)
@@ -312,8 +329,35 @@ class UndescribedSensors:
         if not self._frees or not self._motion.is_due(time):
             return
         self._motion.look(interval)
-        doubt, way = self.doubt() if self._motion.is_found else None, self._motion.best
-        self._freeing = [] if doubt is None else [doubt.freeing(self._model, axis, way) for axis in range(len(AXES))]
+        self._free()
+
+    @property
+    def sums(self) -> dict[str, Array]:
+        """What was summed: with it goes on who knows what these have learnt."""
+        return {
+            "squares": self._squares, "products": self._products, "moments": self._moments, "counts": self._counts,
+            "late_moments": self._motion.moments, "late_counts": self._motion.counts,
+        }  # fmt: skip
+
+    def go_on(self, sums: Mapping[str, Array]) -> None:
+        """What is known was learnt in another flight, with its ``sums`` or none; whether sensors are as they were there
+        shows after a while.
+        """
+        for name, mine in self.sums.items():
+            if name in sums:
+                mine[:] = sums[name]
+        self._motion.look(self._interval)
+        self._free()
+        self._waits = _NEW
+
+    def _free(self) -> None:
+        """Work out anew what frees parameters of late surfaces."""
+        doubt = self.doubt() if self._frees and self._motion.is_found else None
+        self._freeing = [
+            doubt.freeing(self._model, axis, self._motion.best)
+            for axis in range(len(AXES))
+            if doubt is not None and self._model is not None
+        ]
 
     @property
     def late_motion(self) -> Late | None:
@@ -372,7 +416,13 @@ class UndescribedSensors:
         vane_place = self._vane_place.copy()
         if self._flown + self._by_this_clock <= LOOKED:
             vane_place[1] = max(vane_place[1], self._out_on_wing)
-        return SensorDoubt(mean, covariance, self._place, vane_place, late, found)
+        return SensorDoubt(mean, covariance, self._place, vane_place, late, self._waits > 0.0, found)
+
+
+def _that_stay(before: Sequence[str], after: Sequence[str]) -> Places:
+    """Places of the terms of an axis that two models have, in the one and in the other."""
+    old = [place for place, text in enumerate(before) if text in after]
+    return np.array(old, np.int64), np.array([after.index(before[place]) for place in old], np.int64)
 
 
 def _estimate(moments: Array, count: float, instruments: npt.NDArray[np.int64]) -> tuple[Array, Array]:

@@ -14,12 +14,15 @@ from aircraft_sysid_ros.identification.estimators.recursive_least_squares import
 from aircraft_sysid_ros.identification.flight_memory import BLOCK, MOST_BLOCKS, WHOLE, SampleMemory
 from aircraft_sysid_ros.identification.identifier import Identifier
 from aircraft_sysid_ros.identification.model_change import change_model, extended, reduced, with_terms
+from aircraft_sysid_ros.identification.model_file import load_model, save_model
+from aircraft_sysid_ros.identification.monitoring.hold import Hold
 from aircraft_sysid_ros.identification.options import ParameterOptions
 from aircraft_sysid_ros.identification.trust import Trust
 from aircraft_sysid_ros.pipeline import Pipeline
 from aircraft_sysid_ros.reconstruction.state import D_ACCELEROMETER_BIAS, StateField
+from aircraft_sysid_ros.sensors.sensor_models import SensorOptions
 from aircraft_sysid_ros.simulation.dynamics import Effect
-from aircraft_sysid_ros.simulation.simulated_flight import simulate_samples
+from aircraft_sysid_ros.simulation.simulated_flight import default_aircraft, simulate_samples
 
 BIAS = StateField.STANDARD_DEVIATIONS.start + D_ACCELEROMETER_BIAS
 HIDDEN = {"CZ": ("alpha**3",)}
@@ -194,6 +197,68 @@ def test_the_error_falls_at_once_and_other_axes_do_not_notice(flown, at_sixty):
     others = [i for i in range(6) if i != 2]
     for block in (CoefficientSample.PREDICTED, CoefficientSample.MEASURED, CoefficientSample.LEARNT):
         assert np.array_equal(later[:, block][:, others], without[:, block][:, others], equal_nan=True)
+
+
+@pytest.fixture(scope="module")
+def of_servos():
+    """A flight of commands, whose servos nobody has described: an estimator after 60 s, and its memory."""
+    slow = SensorOptions(command_lag=0.06)
+    flown = Flown(simulate_samples(default_aircraft(), 59, 75.0, manoeuvres="varied", sensors=slow))
+    estimator, memory = flown.estimator(of_shape(flown.aircraft)), SampleMemory()
+    flown.fly(estimator, 0.0, 60.0, memory)
+    return flown, estimator, memory
+
+
+def in_use(estimator):
+    return {p.name: (p.value, p.std) for p in estimator.snapshot().parameters if p.status is Trust.USE}
+
+
+def farthest(used, truth):
+    """Of values in use, in standard errors."""
+    return max((abs(value - truth[name]) / std for name, (value, std) in used.items() if name in truth), default=0.0)
+
+
+def test_what_was_found_of_servos_stays_in_axes_that_are_not_changed(of_servos):
+    """It was forgotten: values were published as least squares has them, half as large, with USE."""
+    flown, estimator, memory = of_servos[0], *copy.deepcopy(of_servos[1:])
+    before = in_use(estimator)
+    assert estimator.learning.undescribed.are_late and len(before) > 15
+    change_model(estimator, with_terms(estimator.aircraft, HIDDEN, {}), memory.newest())
+    after = in_use(estimator)
+    assert {n: v for n, v in after.items() if n[:2] != "CZ"} == {n: v for n, v in before.items() if n[:2] != "CZ"}
+    assert estimator.learning.undescribed.are_late
+    for second in range(60, 74):
+        flown.fly(estimator, second, second + 1)
+        assert farthest(in_use(estimator), flown.aircraft.coefficients) < 4.0
+
+
+def test_a_hold_because_of_a_sensor_outlives_a_change_of_the_model(of_servos):
+    estimator, memory = copy.deepcopy(of_servos[1:])
+    monitor = estimator.learning.integrity
+    for axis in range(6):
+        monitor.holds[axis] = Hold(55.0, 55.0, "vanes", None, sensor=True, high=axis == 0)
+    monitor.holds[4] = Hold(55.0, 55.0, "model error", None, sensor=False, high=True)
+    change_model(estimator, with_terms(estimator.aircraft, HIDDEN, {}), memory.newest())
+    assert [hold.words if hold else "" for hold in monitor.holds] == ["vanes"] * 4 + ["", "vanes"]
+    assert {name[:2] for name in in_use(estimator)} <= {"Cm"}
+
+
+def test_what_another_flight_has_learnt_waits_until_the_sensors_of_this_one_have_shown_themselves(of_servos, tmp_path):
+    """It was published as least squares has it, with USE."""
+    flown, saved, _ = of_servos
+    save_model(saved, tmp_path / "model.json")
+    estimator = flown.estimator(of_shape(flown.aircraft))
+    flown.fly(estimator, 0.0, 5.0)
+    load_model(estimator, tmp_path / "model.json")
+    assert in_use(estimator) == {}
+    for second in range(5, 30):
+        flown.fly(estimator, second, second + 1)
+        of_bias = {
+            name for name in in_use(estimator) if name.endswith("_0")
+        }  # which is found anew, and of one flight twice
+        used = {name: known for name, known in in_use(estimator).items() if name not in of_bias}
+        assert farthest(used, flown.aircraft.coefficients) < 4.0
+    assert len(used) > 10
 
 
 @pytest.mark.parametrize("places", [True, False])

@@ -382,8 +382,8 @@ def _check_value(name: str, values: Array, read: Array) -> None:
         share = f"{undefined.sum()} of the {len(values)} newest points"
         raise InputError(f"'{name}' is no number at {share} of this flight: mend the expression")
     values = values[~undefined]
-    moves = np.ptp(read, axis=0).any() or not read.shape[1]
-    if moves and np.ptp(values) <= _CONSTANT * np.abs(values).max():
+    says_nothing = np.ptp(read, axis=0).any() if read.shape[1] else not values.any()  # a constant reads no signal
+    if says_nothing and np.ptp(values) <= _CONSTANT * np.abs(values).max():
         raise InputError(
             f"'{name}' has been {values[0]:.3g} throughout this flight, so that it says nothing: mend the expression, "
             "or add it once it varies"

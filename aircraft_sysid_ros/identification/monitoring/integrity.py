@@ -77,6 +77,7 @@ class IntegrityMonitor:
         self._step, self._half_width, self._forgetting = step, half_width, forgetting
         self.joint, self._history = joint, history
         self.noise = CoefficientNoise(aircraft, half_width)
+        self._signs = Signs()
         self.adopt(aircraft)
 
     def adopt(self, aircraft: Aircraft) -> None:
@@ -93,6 +94,14 @@ class IntegrityMonitor:
         self.holds: list[Hold | None] = [None] * len(AXES)
         self.count = 0  # how often axes were held
         self.restart()
+
+    def change_model(self, aircraft: Aircraft) -> None:
+        """Go on with another model: what was known of the old one is none of it, what is wrong with sensors is."""
+        sensors, signs, count = self.sensors, self._signs, self.count
+        of_sensors = [hold if hold is not None and hold.sensor else None for hold in self.holds]
+        self.adopt(aircraft)
+        self.sensors, self._signs, self.count = sensors, signs, count
+        self.holds = [None if hold is None else replace(hold, good=None) for hold in of_sensors]
 
     def forget_at(self, forgetting: float) -> None:
         """What is compared is forgotten at another rate, per evaluation, from now on."""
