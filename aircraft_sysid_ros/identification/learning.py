@@ -152,11 +152,12 @@ class Learning:
         if self.choice is not None and aircraft.model.terms != self.aircraft.model.terms:
             self.choice.adopt(aircraft)
             self.integrity.joint = False
-        self.aircraft, self.estimator = aircraft, estimator
+        before, self.aircraft, self.estimator = self.aircraft.model.terms, aircraft, estimator
         self.history.widen(self.columns)
         self._undefined = UndefinedTerms(aircraft.model)
         self.undescribed.adopt(aircraft.model)
         self.changes.restart()
+        self.changes.forget([axis for axis, name in enumerate(AXES) if before[name] != aircraft.model.terms[name]])
         self.integrity.change_model(aircraft)
         self.landing.restart()
         self.fleet.adopt(aircraft.model)

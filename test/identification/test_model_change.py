@@ -232,6 +232,19 @@ def test_what_was_found_of_servos_stays_in_axes_that_are_not_changed(of_servos):
         assert farthest(in_use(estimator), flown.aircraft.coefficients) < 4.0
 
 
+def test_a_term_that_a_user_takes_out_is_no_change_of_the_aeroplane(flown, at_sixty):
+    """The error of an axis that lost its elevator grows: what it had learnt was dropped for that."""
+    estimator, memory = copy.deepcopy(at_sixty)
+    for second in range(60, 66):
+        if second in (61, 64):
+            terms = ({}, {"Cm": ("de",)}) if second == 61 else ({"Cm": ("de",)}, {})
+            change_model(estimator, with_terms(estimator.aircraft, *terms), memory.newest())
+        flown.fly(estimator, second, second + 1, memory)
+    assert estimator.learning.changes.alarms() == []
+    known = {p.name: p for p in estimator.snapshot().parameters}["Cm_de"]
+    assert abs(known.value - flown.aircraft.coefficients["Cm_de"]) < 4.0 * known.std < 0.1
+
+
 def test_a_hold_because_of_a_sensor_outlives_a_change_of_the_model(of_servos):
     estimator, memory = copy.deepcopy(of_servos[1:])
     monitor = estimator.learning.integrity

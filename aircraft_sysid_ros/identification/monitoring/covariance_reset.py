@@ -23,6 +23,7 @@ it always runs, knows its parameters first, and does not explain errors by noise
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Iterable
 from functools import partial
 from typing import Any
 
@@ -94,9 +95,9 @@ class ChangeDetector:
         self.restart()
         self.since[:] = -np.inf
 
-    def forget(self) -> None:
-        """Another flight: which errors are usual is still to be seen."""
-        for axis in range(len(AXES)):
+    def forget(self, axes: Iterable[int] = range(len(AXES))) -> None:
+        """Another flight, or other terms in some axes: which errors are usual is still to be seen."""
+        for axis in axes:
             self.monitor.forget(axis)
 
     def alarms(self) -> list[tuple[str, float, int]]:

@@ -22,6 +22,7 @@ from a time on is largest from the most likely one on (Page 1954, cumulative sum
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import cast
 
 import numpy as np
 import numpy.typing as npt
@@ -258,13 +259,20 @@ class ResidualMonitor:
             fit_noise=np.zeros((6, FIT_BLOCKS)),
             fit_count=np.zeros(6, np.int64),
         )
-        self._errors: Errors = self._one_errors[0]
         self.one_summary = one_record(
             Summary, window=np.full((6, 3), np.nan), usual=np.full((6, 3), np.nan), common=np.ones(1)
         )
-        self._summary: Summary = self.one_summary[0]
         self._excess = np.full(6, np.nan)
         self._raised = np.zeros(6, np.int64)  # evaluations in a row at which the error was too large
+
+    @property
+    def _errors(self) -> Errors:
+        """The record of which a copy of this has a copy."""
+        return cast(Errors, self._one_errors[0])
+
+    @property
+    def _summary(self) -> Summary:
+        return cast(Summary, self.one_summary[0])
 
     def add(self, samples: Array, predicted: Array, known: npt.NDArray[np.bool_], noise: Array | None = None) -> None:
         """Take samples (m, …) with predictions (m, 6); only axes (6,) whose parameters are known count.
