@@ -149,7 +149,10 @@ class Frame(ABC):
 
     async def _adopt_theme(self) -> None:
         """Light or dark as the system asks, where the user has not chosen."""
-        wanted = DARK if await ui.run_javascript(_ASK_THEME, timeout=5.0) else LIGHT
+        try:
+            wanted = DARK if await ui.run_javascript(_ASK_THEME, timeout=5.0) else LIGHT
+        except TimeoutError:  # a browser that has gone, or sleeps: it stays as it is
+            return
         if wanted is not self.look.theme:
             self._set_theme(wanted)
 

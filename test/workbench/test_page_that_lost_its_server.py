@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import asyncio
 from pathlib import Path
+from types import SimpleNamespace
 
 from counting_link import LAST
 from page_marks import marked, wait_for_text
+
+from aircraft_sysid_ros.workbench import frame
 
 #: The browser has not yet said what it has got,
 NOTHING_SAID = "window.ackedMessageId = Infinity"
@@ -29,3 +33,15 @@ def test_numbers_of_a_browser_that_was_away_are_those_of_now(served, open_page) 
         assert away.inner_text(marked("held-out-Cl")) == f"{LAST}.0 %"
         for page in (away, stays):
             page.context.close()
+
+
+def test_a_browser_that_has_gone_before_it_could_say_how_it_looks_is_no_error(monkeypatch):
+    """Its time ran out, and the terminal had a traceback."""
+
+    async def silent(*_, **__):
+        raise TimeoutError
+
+    monkeypatch.setattr(frame.ui, "run_javascript", silent)
+    page = SimpleNamespace(look=SimpleNamespace(theme=frame.LIGHT))
+    asyncio.run(frame.Frame._adopt_theme(page))
+    assert page.look.theme is frame.LIGHT
