@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from aircraft_sysid_ros.aircraft.frames import Vector, three
+from aircraft_sysid_ros.aircraft.frames import Vector, applied, nine, three
 from aircraft_sysid_ros.kernels import njit
 
 Array = npt.NDArray[np.float64]
@@ -39,12 +39,7 @@ def solved(inertia: Array, vector: Vector) -> Vector:
 @njit(cache=True)
 def euler_equations(moment: Vector, rates: Vector, inertia: Array) -> Vector:
     """d/dt (p, q, r) [rad/s^2] for the moment about the centre of gravity [N m]: (6.19)."""
-    momentum = (
-        inertia[0, 0] * rates[0] + inertia[0, 1] * rates[1] + inertia[0, 2] * rates[2],
-        inertia[1, 0] * rates[0] + inertia[1, 1] * rates[1] + inertia[1, 2] * rates[2],
-        inertia[2, 0] * rates[0] + inertia[2, 1] * rates[1] + inertia[2, 2] * rates[2],
-    )
-    kept = crossed(rates, momentum)
+    kept = crossed(rates, applied(nine(inertia), rates))
     return solved(inertia, (moment[0] - kept[0], moment[1] - kept[1], moment[2] - kept[2]))
 
 

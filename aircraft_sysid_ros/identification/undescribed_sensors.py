@@ -136,7 +136,7 @@ class SensorDoubt(NamedTuple):
     place: Array  # (3,) [m] one sigma of the place of the IMU
     vane_place: Array  # (3,) [m] the same of the vanes
     late: tuple[Late, ...]  # motion after the surfaces
-    is_new: bool  # too little was summed for what was learnt elsewhere
+    is_new: bool  # what is known was learnt in another flight, and this one has not shown its sensors yet
     regressions: Array  # (6, k, n): of each axis, of what may be wrong on its terms
 
     def of(self, model: AerodynamicModel, axis: int, theta: Array, slopes: Sequence[float], bend: float) -> OfSensors:
@@ -229,7 +229,7 @@ class UndescribedSensors:
         self._moments, self._counts = np.zeros((len(ANGLES), _SERIES, _SERIES)), np.zeros(len(ANGLES))
         self._flown, self._began, self._newest = 0.0, np.nan, np.nan
         self._interval = 0.0  # [s] of states
-        self._waits = 0.0  # [s] until enough is summed for what was learnt elsewhere
+        self._waits = 0.0  # [s] until what was learnt in another flight may be used
         self.restart_clock()
 
     def adopt(self, model: AerodynamicModel) -> None:
@@ -352,12 +352,11 @@ class UndescribedSensors:
 
     def _free(self) -> None:
         """Work out anew what frees parameters of late surfaces."""
-        doubt = self.doubt() if self._frees and self._motion.is_found else None
-        self._freeing = [
-            doubt.freeing(self._model, axis, self._motion.best)
-            for axis in range(len(AXES))
-            if doubt is not None and self._model is not None
-        ]
+        doubt, model = self.doubt() if self._frees and self._motion.is_found else None, self._model
+        if doubt is None or model is None:
+            self._freeing = []
+        else:
+            self._freeing = [doubt.freeing(model, axis, self._motion.best) for axis in range(len(AXES))]
 
     @property
     def late_motion(self) -> Late | None:

@@ -212,12 +212,17 @@ def _fall(candidate: Mapping[str, Any]) -> str:
     return f"; the error of {axis[0]}_{axis[1]} falls from {100 * before:.1f} to {100 * after:.1f} % with it"
 
 
+def _has_late_surfaces(evidence: Evidence) -> bool:
+    """Whether the check has said that surfaces come at another time."""
+    late = {s for f in _findings(evidence.check, WARNING) if f.kind == "offset" for s in f.signals}
+    return bool(late & set(SURFACES))
+
+
 def _missing(evidence: Evidence) -> Iterator[Said]:
     if evidence.diagnosis and _inputs_alone(evidence.diagnosis):
         return
-    late = {s for f in _findings(evidence.check, WARNING) if f.kind == "offset" for s in f.signals}
     for candidate in _found(evidence):
-        if candidate["kind"] == MEASUREMENT or (candidate["effect"] in OF_SERVOS and late & set(SURFACES)):
+        if candidate["kind"] == MEASUREMENT or (candidate["effect"] in OF_SERVOS and _has_late_surfaces(evidence)):
             continue
         fall = _fall(candidate)
         others = [BY_ID[name].name for name in candidate["confounded_with"] if name in BY_ID]
@@ -257,8 +262,7 @@ def _balance(evidence: Evidence) -> Iterator[Said]:
 def _late(evidence: Evidence) -> Iterator[Said]:
     """Surfaces that come later than they are recorded, where no diagnosis and no check has said so."""
     found = {candidate["effect"] for candidate in _found(evidence)}
-    late = {s for f in _findings(evidence.check, WARNING) if f.kind == "offset" for s in f.signals}
-    if evidence.late and not found & {*OF_SERVOS, "actuator_lag"} and not late & set(SURFACES):
+    if evidence.late and not found & {*OF_SERVOS, "actuator_lag"} and not _has_late_surfaces(evidence):
         words = late_words(evidence.late)
         yield Said("late", f"{words[0].upper()}{words[1:]}, as this flight shows: the parameters are freed of that.")
 
