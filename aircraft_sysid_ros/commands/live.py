@@ -116,7 +116,7 @@ def _with_nodes(
             parameters.on_parameters = writer.add_parameters
             state.on_samples = parameters.on_samples = writer.add_samples
         state.must_keep = parameters.must_keep = _KEPT
-        state.beside = parameters.beside = lambda: [*state.inputs, *parameters.inputs]
+        state.together = parameters.together = (state, parameters)
         with stop_signals() as stop:  # a signal would tear a compilation apart
             stop.doing = "stopping: what is being compiled is compiled first"
             has_started = start(state) and (stop.is_set() or start(parameters))

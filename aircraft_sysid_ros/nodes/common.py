@@ -14,7 +14,7 @@ from typing import Any
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.duration import Duration
-from rclpy.exceptions import ParameterException
+from rclpy.exceptions import InvalidHandle, ParameterException
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.lifecycle import LifecycleNode, TransitionCallbackReturn
@@ -127,6 +127,23 @@ def spin_until(executor: Any, finished: Callable[[], bool]) -> None:
         except rclpy_implementation.RCLError as error:
             # A client that does not take its answer, for one: flying goes on.
             get_logger("aircraft_sysid_ros").error(" ".join(str(error).split()))
+
+
+def serve(node: LifecycleNode) -> None:
+    """Answer what has been asked of a node's services, and run its timers that are due, without the executor."""
+    with contextlib.suppress(InvalidHandle):  # an answer can take the others away
+        for service in list(node.services):
+            with service.handle:
+                request, header = service.handle.service_take_request(service.srv_type.Request)
+            if header is not None:
+                service.send_response(service.callback(request, service.srv_type.Response()), header)
+        for timer in list(node.timers):
+            with timer.handle:
+                is_due = timer.handle.is_timer_ready()
+                if is_due:
+                    timer.handle.call_timer()
+            if is_due:
+                timer.callback()
 
 
 class Stop:

@@ -84,14 +84,15 @@ class EstimatorNode(ConfigurableNode, ABC):
         self.correction: Correction | None = None  # of the samples, by the calibration file
         self.received = dict.fromkeys(inputs, 0)
         self.inputs: list[Input] = []  # while active
-        #: What is received in one order: that of all nodes of this process.
-        self.beside: Callable[[], Sequence[Input]] = lambda: self.inputs
+        #: The nodes of this process: what they hear is received in one order.
+        self.together: Sequence[EstimatorNode] = (self,)
         self.numerical_faults = 0
         self.noted: list[str] = []  # what was changed or forgotten in this flight, and when
         self._shared: dict[str, int] = {}  # topics that several programs published on, and how many
         self._is_shared = False  # just now
         self._said = ""  # what was wrong at the last look, without numbers
         self._lost: dict[str, int] = {}  # before the newest activation
+        self._told: dict[str, int] = {}  # of what was lost, at the last look
         self._offered_publishers: list[Any] = []
         self._offered_services: list[Any] = []
 
@@ -194,7 +195,8 @@ class EstimatorNode(ConfigurableNode, ABC):
 
     def hear(self, kind: Any, topic: str, receive: Callable[[Any], None], quality: Any) -> None:
         """An input that lives while the node is active."""
-        self.inputs.append(Input(self, kind, topic, partial(self._survive, receive), quality, self.beside))
+        take = partial(self._survive, receive)
+        self.inputs.append(Input(self, kind, topic, take, quality, self._all_inputs, self._take_turns))
 
     def note_call(self, service: str, what: str) -> None:
         """A service changed what is estimated: for the log, and for the notes of the run."""
@@ -244,6 +246,13 @@ class EstimatorNode(ConfigurableNode, ABC):
         depth = self.get_parameter("input_depth").value
         return QoSProfile(depth=depth, reliability=ReliabilityPolicy.BEST_EFFORT)
 
+    def _all_inputs(self) -> list[Input]:
+        return [heard for node in self.together for heard in node.inputs]
+
+    def _take_turns(self) -> None:
+        for node in self.together:
+            common.serve(node)
+
     def _survive(self, work: Callable[..., None], *arguments: Any) -> None:
         """Do some work; a matrix that cannot be solved costs what was estimated, and not the node in flight."""
         try:
@@ -265,11 +274,15 @@ class EstimatorNode(ConfigurableNode, ABC):
         self._process_times = times
         self._look_for_others()
         problem, values = self.condition()
-        problem = "; ".join(filter(None, (self.shared_in_words if self._is_shared else "", problem)))
+        lost = self.lost
+        new = {topic: count - self._told.get(topic, 0) for topic, count in lost.items()}
+        self._told = lost
+        problems = (self.shared_in_words if self._is_shared else "", lost_in_words(new), problem)
+        problem = "; ".join(filter(None, problems))
         self._log(problem)
         level = DiagnosticStatus.WARN[0] if problem else DiagnosticStatus.OK[0]
-        lost = {f"{topic}.lost": count for topic, count in self.lost.items()}
-        values = {"cpu_share": share, "numerical_faults": self.numerical_faults, **lost, **values}
+        listed = {f"{topic}.lost": count for topic, count in lost.items()}
+        values = {"cpu_share": share, "numerical_faults": self.numerical_faults, **listed, **values}
         message = common.diagnostics(self, level, problem or "ok", values)
         self._diagnostics_publisher.publish(message)
 

@@ -5,7 +5,8 @@ message that was lost, wherever that was. What was lost after the last that came
 
 Where a process is behind, the oldest of a fast topic are dropped, while a slow topic has room for all of its own: taken
 in turn, the fast one would run ahead by all that was dropped, and every sample of the slow one (GPS) would be too late.
-Therefore what came before a message is received before it, whatever its topic.
+Therefore what came before a message is received before it, whatever its topic. An executor that is behind would come to
+services and timers when all that it was ever told of is worked off: they have their turn with the messages, too.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from typing import Any
 
 #: Time [ns] after which a message that waits says that the process is behind.
 _BEHIND = 20_000_000
-#: Messages that a process that is behind receives before its executor has its turn again.
+#: Messages that a process that is behind receives before its services and timers have their turn.
 _MOST_AT_ONCE = 200
 #: A message and its information.
 _Taken = tuple[Any, dict[str, Any]]
@@ -50,7 +51,10 @@ class Numbers:
 
 
 class Input:
-    """A subscription of ``node``; ``receive`` gets each message, after those that came before it to ``beside``."""
+    """A subscription of ``node``; ``receive`` gets each message, after those that came before it to ``beside``.
+
+    Where the process is behind, ``others`` is called between messages: what else has waited for its turn.
+    """
 
     def __init__(
         self,
@@ -60,9 +64,10 @@ class Input:
         receive: Callable[[Any], None],
         quality: Any,
         beside: Callable[[], Sequence[Input]] = lambda: (),
+        others: Callable[[], None] = lambda: None,
     ) -> None:
         self.topic = topic
-        self._beside = beside
+        self._beside, self._others = beside, others
         self._node, self._receive = node, receive
         self._next: _Taken | None = None  # taken, and it is not its turn yet
         self._is_closed = False
@@ -106,6 +111,7 @@ class Input:
         if came and time.time_ns() - came > _BEHIND:
             self._next = message, info
             _catch_up(self._beside() or (self,))
+            self._others()
         else:
             self._take(message, info)
 
@@ -160,7 +166,7 @@ def drain(inputs: Iterable[Input], tell: Callable[[int], None] = lambda left: No
 
 def lost_in_words(lost: Mapping[str, int]) -> str:
     """How many messages were lost on the way, by topic; empty if none."""
-    if not lost:
+    listed = ", ".join(f"{count} of {topic}" for topic, count in sorted(lost.items()) if count > 0)
+    if not listed:
         return ""
-    listed = ", ".join(f"{count} of {topic}" for topic, count in sorted(lost.items()))
     return f"messages were lost on the way: {listed}"

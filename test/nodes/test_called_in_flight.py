@@ -9,10 +9,11 @@ from functools import partial
 import pytest
 from aircraft_sysid_msgs.msg import AircraftState
 from aircraft_sysid_msgs.srv import AddEffect, Reset
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
-from processes import live, play
-from rcl_interfaces.srv import SetParameters
+from processes import live, play, slowed
+from rcl_interfaces.srv import GetParameters, SetParameters
 from rclpy.parameter import Parameter
 from waiting import LONGEST, finish
 
@@ -41,10 +42,14 @@ class Caller:
             count = len(self.states)
             self.spin_until(partial(_is_over, time.monotonic() + 2.0))
 
-    def call(self, kind, name, **request):
+    def client(self, kind, name):
         client = self.node.create_client(kind, name)
         self.spin_until(client.service_is_ready)
         self.spin_until(partial(_is_over, time.monotonic() + 1.0))  # until the server knows the client, too
+        return client
+
+    def call(self, kind, name, **request):
+        client = self.client(kind, name)
         future = client.call_async(kind.Request(**request))
         self.spin_until(future.done)
         self.node.destroy_client(client)
@@ -120,3 +125,20 @@ def test_after_a_reset_the_run_is_of_the_whole_flight_and_says_so(recording, air
         assert any(text in note and " s of flight" in note for note in written["notes"]), written["notes"]
     assert any(f"called at {sent['duration']:.1f} s of flight" in note for note in written["notes"])
     assert set(written["notes"]) <= set(result["notes"])
+
+
+def test_a_process_that_cannot_keep_up_answers_and_says_so(recording, aircraft_file, tmp_path, caller):
+    """Services and diagnostics came when all messages had been worked off: after the flight."""
+    said, answered = [], 0
+    caller.node.create_subscription(DiagnosticArray, "/diagnostics", lambda each: said.append(each.status[0]), 100)
+    loses = lambda each: each.level == DiagnosticStatus.WARN and "messages were lost on the way" in each.message  # noqa: E731
+    with live(tmp_path / "run", aircraft_file) as process, ThreadPoolExecutor() as beside:
+        client = caller.client(GetParameters, "/parameter_estimator/get_parameters")
+        with slowed(process):
+            playing = beside.submit(play, recording, 3)
+            while not playing.done():
+                future = client.call_async(GetParameters.Request(names=["estimator"]))
+                caller.spin_until(future.done)
+                answered += any(map(loses, said)) and not playing.done()
+            playing.result()
+    assert answered >= 2
