@@ -90,6 +90,7 @@ class EstimatorNode(ConfigurableNode, ABC):
         self.noted: list[str] = []  # what was changed or forgotten in this flight, and when
         self._shared: dict[str, int] = {}  # topics that several programs published on, and how many
         self._is_shared = False  # just now
+        self._turns: dict[str, int] = {}  # of them, at the last look
         self._said = ""  # what was wrong at the last look, without numbers
         self._lost: dict[str, int] = {}  # before the newest activation
         self._told: dict[str, int] = {}  # of what was lost, at the last look
@@ -149,6 +150,7 @@ class EstimatorNode(ConfigurableNode, ABC):
     def activate(self) -> None:
         """Listen."""
         self._process_times = common.process_times()
+        self._turns.clear()
         quality = self._input_quality()
         topics = topics_of(self.estimator.aircraft.inputs)
         for topic in self.received:
@@ -287,12 +289,15 @@ class EstimatorNode(ConfigurableNode, ABC):
         self._diagnostics_publisher.publish(message)
 
     def _look_for_others(self) -> None:
-        """Who else publishes what this node hears."""
-        counts = {heard.subscription.topic_name: self.count_publishers(heard.topic) for heard in self.inputs}
-        counts = {topic: count for topic, count in counts.items() if count > 1}
-        self._is_shared = bool(counts)
-        for topic, count in counts.items():
-            self._shared[topic] = max(count, self._shared.get(topic, 0))
+        """Who else publishes what this node hears; one that was killed is listed for 20 s more, and sends nothing."""
+        self._is_shared = False
+        for heard in self.inputs:
+            topic, turns = heard.subscription.topic_name, heard.turns
+            count = self.count_publishers(heard.topic)
+            if count > 1 and turns > self._turns.get(topic, 0):
+                self._is_shared = True
+                self._shared[topic] = max(count, self._shared.get(topic, 0))
+            self._turns[topic] = turns
 
     def _log(self, problem: str) -> None:
         """Say on the terminal what has begun to be wrong, and that it is over."""

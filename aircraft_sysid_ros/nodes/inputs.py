@@ -31,6 +31,7 @@ class Numbers:
     def __init__(self, publishers: Callable[[], frozenset[bytes]]) -> None:
         """``publishers`` tells which publishers of the topic there are now."""
         self.missing = 0
+        self.turns = 0  # messages that went on from one that was not the newest: several publishers send by turns
         self._publishers = publishers
         self._known: frozenset[bytes] = frozenset()
         self._newest: list[int] = []  # one of each publisher
@@ -47,7 +48,11 @@ class Numbers:
                 before = max(older)
                 self.missing += number - 1 - before
             self._known = publishers
-        self._newest = [number, *(n for n in self._newest if n != before)][: max(len(self._known), 1)]
+        elif before != self._newest[0]:
+            self.turns += 1
+        if before in self._newest:
+            self._newest.remove(before)  # of one of them, where two publishers are as far
+        self._newest = [number, *self._newest][: max(len(self._known), 1)]
 
 
 class Input:
@@ -78,6 +83,11 @@ class Input:
     def lost(self) -> int:
         """Messages that were sent and did not come."""
         return self._numbers.missing
+
+    @property
+    def turns(self) -> int:
+        """Messages between which another publisher sent one."""
+        return self._numbers.turns
 
     def waiting(self, now: int) -> Iterator[tuple[int, Callable[[], None]]]:
         """What had come by ``now`` [ns] and was not received yet: when it was sent [ns], and what receives it."""

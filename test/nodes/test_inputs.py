@@ -38,6 +38,20 @@ def test_publishers_are_told_apart_though_their_numbers_mix():
     assert missing([500, 3, 501, 4, 504, 5, 9], lambda: both) == 2 + 3
 
 
+@pytest.mark.parametrize(("first", "second"), [(500, 3), (1, 1), (4, 3)])
+def test_publishers_that_send_by_turns_are_told_from_one_that_follows_another(first, second):
+    both = frozenset([b"a", b"b"])
+    counted = Numbers(lambda: both)
+    for step in range(10):
+        counted.take(first + step)
+        counted.take(second + step)
+    assert counted.turns >= 9 and counted.missing == 0
+    turns = counted.turns
+    for number in range(first + 10, first + 600):  # the other was killed, and is in the graph
+        counted.take(number)
+    assert counted.turns <= turns + 1
+
+
 def test_another_publisher_begins_its_own_count():
     there = [frozenset([b"a"])]
     counted = Numbers(lambda: there[0])
