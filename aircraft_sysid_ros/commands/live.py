@@ -17,6 +17,7 @@ from typing import Any
 from rich.progress import Progress
 
 from aircraft_sysid_ros.after_flight.replay_notes import (
+    delay_notes,
     estimator_notes,
     flight_notes,
     place_notes,
@@ -253,6 +254,7 @@ def _result(args: argparse.Namespace, state: Any, parameters: Any, writer: Any, 
             *place_notes(parameters.estimator.aircraft, state.estimator.options.air_data_errors),
             *absences(state.estimator),
             *noise_notes(state.estimator),
+            *delay_notes(parameters.estimator),
             *prior_notes(parameters.estimator),
         ],
     }

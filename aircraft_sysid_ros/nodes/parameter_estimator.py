@@ -175,6 +175,10 @@ class ParameterEstimatorNode(EstimatorNode):
             "missing_effects": self.model_services.search_in_words,
             "estimator": published["published"],
             "estimator_because": published["why"],
+            "late_surfaces": ", ".join(
+                f"{key} {value:.3f} ± {std:.3f} s"
+                for key, (value, std) in self.estimator.learning.undescribed.late_surfaces.items()
+            ),
             "prior": "; ".join(self.estimator.learning.fleet.notes()),
             "health": "; ".join(self.estimator.learning.health.notes()),
             "ground": self.estimator.learning.landing.words(self.estimator.stream.start_time or 0.0),
