@@ -12,6 +12,7 @@ from aircraft_sysid_ros.flight_check.in_flight import watch_of
 from aircraft_sysid_ros.identification.identifier import Identifier
 from aircraft_sysid_ros.identification.options import ParameterOptions
 from aircraft_sysid_ros.reconstruction.options import StateOptions
+from aircraft_sysid_ros.reconstruction.ordering import LARGEST_LEAP
 from aircraft_sysid_ros.reconstruction.state_estimator import StateEstimator, warm_up
 from aircraft_sysid_ros.samples import SAME_FLIGHT, Kind, Samples, manoeuvres_in_turn
 
@@ -19,18 +20,20 @@ Array = npt.NDArray[np.float64]
 
 
 def parts_by_clock(samples: Samples, clock: int | None) -> list[Samples]:
-    """The samples in parts, such that where IMU stamps fall the next two IMU samples, which confirm it, end one.
+    """The samples in parts: one by one where IMU stamps leap, until the next two IMU samples, which confirm it or not.
 
     ``clock`` is the newest IMU stamp [ns] before them.
     """
     imu = np.flatnonzero(samples.kind == Kind.IMU)
     stamps = samples.stamp[imu]
-    falls = np.flatnonzero(np.diff(stamps, prepend=stamps[:1] if clock is None else clock) < 0)
-    if not len(falls):
+    steps = np.diff(stamps, prepend=stamps[:1] if clock is None else clock)
+    leaps = np.flatnonzero((steps < 0) | (steps > LARGEST_LEAP))
+    if not len(leaps):
         return [samples]
-    begins = np.where(falls > 0, imu[falls - 1] + 1, 0)
-    ends = imu[np.minimum(falls + 1, len(imu) - 1)] + 1
-    edges = np.unique(np.concatenate([[0], begins, ends, [len(samples)]]))
+    begins = np.where(leaps > 0, imu[leaps - 1] + 1, 0)
+    ends = imu[np.minimum(leaps + 1, len(imu) - 1)] + 1
+    near = [np.arange(low, high + 1) for low, high in zip(begins.tolist(), ends.tolist(), strict=True)]
+    edges = np.unique(np.concatenate([[0], *near, [len(samples)]]))
     return [samples[low:high] for low, high in pairwise(edges.tolist())]
 
 

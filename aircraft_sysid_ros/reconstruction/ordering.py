@@ -18,7 +18,7 @@ from aircraft_sysid_ros.samples import REQUIRED_VALUES, Kind, Samples, concatena
 
 NANOSECONDS = 1_000_000_000
 #: An IMU stamp that leaps further ahead than this [ns] is believed only if the next one confirms it.
-_LARGEST_LEAP = 120 * NANOSECONDS
+LARGEST_LEAP = 120 * NANOSECONDS
 #: Two stamps this close [ns] confirm each other.
 _CONFIRMATION = 1 * NANOSECONDS
 #: Samples further ahead of the clock than this [ns] have a wrong stamp.
@@ -73,7 +73,7 @@ class TimeOrder:
         ahead = np.where(samples.kind == Kind.IMU, samples.stamp, -_NEVER)
         clock = np.maximum.accumulate(np.concatenate([[-_NEVER if self._clock is None else self._clock], ahead]))
         known = clock[clock > -_NEVER]
-        if np.any(np.diff(known) > _LARGEST_LEAP):  # in doubt nothing is too late
+        if np.any(np.diff(known) > LARGEST_LEAP):  # in doubt nothing is too late
             return np.full(len(samples), -_NEVER)
         return np.asarray(clock[1:] - self._lag)
 
@@ -117,14 +117,14 @@ class TimeOrder:
         stamps = samples.stamp[imu]
         previous = np.concatenate([[stamps[0] if self._clock is None else self._clock], stamps[:-1]])
         step = stamps - np.maximum.accumulate(previous)
-        if self._suspect is None and not np.any((step > _LARGEST_LEAP) | (step < -self._lag)):
+        if self._suspect is None and not np.any((step > LARGEST_LEAP) | (step < -self._lag)):
             return []
         return [int(i) for i in imu]  # rare: decide one by one
 
     def _question(self, sample: Samples) -> Iterator[Released]:
         """One IMU sample while stamps leap: a leap is believed once the next stamp confirms it."""
         stamp = int(sample.stamp[0])
-        if self._clock is None or -self._lag <= stamp - self._clock <= _LARGEST_LEAP:
+        if self._clock is None or -self._lag <= stamp - self._clock <= LARGEST_LEAP:
             if self._suspect is not None:
                 self.counts.wrong_stamp[Kind.IMU] += 1
                 self._suspect = None
