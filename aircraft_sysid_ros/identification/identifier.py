@@ -13,7 +13,7 @@ import numpy.typing as npt
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AerodynamicModel
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
 from aircraft_sysid_ros.identification.coefficients.layout import CoefficientSample
-from aircraft_sysid_ros.identification.coefficients.stream import CoefficientStream, one_clock
+from aircraft_sysid_ros.identification.coefficients.stream import LARGEST_LEAP, CoefficientStream, one_clock
 from aircraft_sysid_ros.identification.estimators.contract import Estimator
 from aircraft_sysid_ros.identification.estimators.recursive_least_squares import RlsState
 from aircraft_sysid_ros.identification.learning import STALE, Learning
@@ -96,6 +96,7 @@ class Identifier:
         No window reaches across the pause, and nothing looks back across it. What errors are usual is of one flight.
         """
         samples = self.flush()
+        self.stream.begin_manoeuvre()
         self.learning.begin_anew(same_flight)
         if not same_flight:
             self.stream.begin_flight()
@@ -123,7 +124,8 @@ class Identifier:
         stale = np.inf if newest is None else float(newest[CoefficientSample.TIME]) + STALE + self.options.settle
         if self.stream.has_passed(float(times[0])):
             return 1
-        brings = (times >= min(self.stream.next_sample, stale)) | (np.diff(times, prepend=-np.inf) <= 0.0)
+        steps = np.diff(times, prepend=times[0] - 1.0)
+        brings = (times >= min(self.stream.next_sample, stale)) | (steps <= 0.0) | (steps > LARGEST_LEAP)
         return int(np.argmax(brings)) + 1 if brings.any() else len(times)
 
     def push_states(self, rows: Array, epoch: int | None = None) -> Array:
@@ -133,7 +135,7 @@ class Identifier:
         if epoch is not None:
             for early in self.stream.early_samples():
                 self.push_samples(early, epoch)
-        parts = one_clock(rows)
+        parts = one_clock(rows, LARGEST_LEAP)
         if len(parts) > 1:
             return np.vstack([self.push_states(part, epoch) for part in parts])
         passed = self.stream.has_passed(float(rows[0, StateField.TIME]))

@@ -105,7 +105,7 @@ def to_samples(topic: str, stamp: Stamps, fields: Fields, inputs: Sequence[Named
     useless (no GPS fix) become NaN and are left to the estimator to count; values that are not measured give
     none. ``inputs`` are those that the aircraft file names.
     """
-    return [samples for samples, _ in samples_and_rows(topic, stamp, fields, inputs)]
+    return [samples for samples, _ in samples_and_rows(topic, stamp, fields, inputs) if len(samples)]
 
 
 def samples_and_rows(

@@ -65,9 +65,13 @@ def aircraft_step(points) -> float:
     return float(np.median(np.diff(points[:, CoefficientSample.TIME])))
 
 
-def test_as_nodes_hear_it(flight) -> None:
-    """Controls come at once, states when their horizon has passed; nobody tells of the restart but the states."""
-    aircraft, samples = flight[0], leapt(flight[1], 20.0)
+@pytest.mark.parametrize("back", [20.0, -3600.0, -1e8])
+def test_as_nodes_hear_it(flight, back) -> None:
+    """Controls come at once, states when their horizon has passed; nobody tells of the restart but the states.
+
+    A clock that was set forward by years asked for more memory than there is.
+    """
+    aircraft, samples = flight[0], leapt(flight[1], back)
     expected, _ = replayed(aircraft, samples, 500)
     state, parameters = StateEstimator(aircraft), Identifier(aircraft)
     for block in blocks(samples, 7):

@@ -52,6 +52,13 @@ def test_units_limits_and_strange_messages(named):
     np.testing.assert_allclose(samples.values[0, :3], [np.pi / 2.0, np.nan, np.nan])
 
 
+@pytest.mark.parametrize("values", [{"flag": 1.0}, {}, {"tab": np.nan}, {"spoiler": 1.7}])
+def test_a_message_that_holds_no_input_gives_no_samples(named, values):
+    """It gave a batch of none, for which a node ended in flight."""
+    fields = input_fields(tuple(values), np.array([list(values.values())], dtype=float).reshape(1, -1))
+    assert to_samples("inputs", np.array([1]), fields, named.inputs) == []
+
+
 def test_many_messages_are_read_as_one_by_one(named):
     values = np.random.default_rng(1).normal(0.0, 0.3, (20, 2))
     stamps = np.arange(20)

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
-from aircraft_sysid_ros.identification.coefficients.pace import BLOCK, Pace
+from aircraft_sysid_ros.identification.coefficients.pace import BLOCK, Pace, interval_of, why_airspeed_too_slow
+from aircraft_sysid_ros.samples import Kind, concatenate, samples_of
 
 
 def paces(times: np.ndarray, portion: int) -> np.ndarray:
@@ -73,3 +74,12 @@ def test_a_clock_that_begins_anew_keeps_the_rate() -> None:
     pace.restart()
     pace.take(stamps(10.0, 5))
     assert pace.rate == pytest.approx(10.0)
+
+
+def test_samples_of_one_time_are_one() -> None:
+    """Air data that came twice, as two players of a recording send them, had no time between them to divide by."""
+    times = np.rint(stamps(20.0, 40) * 1e9).astype(np.int64)
+    once = samples_of(Kind.AIRSPEED, times, np.full(40, 20.0))
+    assert interval_of(concatenate([once, once, once]), Kind.AIRSPEED) == pytest.approx(0.05)
+    standing = samples_of(Kind.AIRSPEED, np.zeros(40, np.int64), np.full(40, 20.0))
+    assert np.isnan(interval_of(standing, Kind.AIRSPEED)) and why_airspeed_too_slow(standing) == ""

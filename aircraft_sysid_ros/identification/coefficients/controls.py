@@ -37,10 +37,17 @@ Integers = npt.NDArray[np.int64]
 MOST_EARLY = 10_000
 #: Late samples of a kind that are kept, in case the clock began anew and the states have yet to say so.
 _MOST_BEHIND = 1000
+#: Samples so far [s] ahead of the states are by a clock that was set.
+_FAR_AHEAD = 60.0
 #: So many values within so long [s] that no aircraft has are no faults of transmission: the unit is another one.
 _MOST_ABSURD, _ABSURD_TIME = 10, 30.0
 #: Kinds that the first step hears and counts, too.
 _OF_FIRST_STEP = [kind for kind, _ in VANES]
+
+
+def _after(series: tuple[Array, Array], time: float) -> tuple[Array, Array]:
+    """The part of a series, times (n,) and values (n, k), that is later than ``time`` [s]."""
+    return series[0][series[0] > time], series[1][series[0] > time]
 
 
 class ControlHistory:
@@ -62,12 +69,15 @@ class ControlHistory:
         self.pace = Pace()  # of the controls
         self._misread: dict[int, float] = {}  # columns of controls whose unit is another one, since when [s]
         self._behind: dict[Kind, deque[tuple[float, Array]]] = {}
+        self._series: dict[Kind, tuple[Array, Array]] = {}
+        self.used_until = np.inf
         self.restart_clock()
 
     def restart_clock(self) -> None:
-        """The clock began anew. Samples by the new clock that were late by the old one are taken now."""
+        """The clock began anew. Samples by the new clock that were late or far ahead by the old one are taken now."""
         behind = self._behind
-        self._series: dict[Kind, tuple[Array, Array]] = {
+        ahead = {kind: _after(series, self.used_until + _FAR_AHEAD) for kind, series in self._series.items()}
+        self._series = {
             Kind.CONTROLS: (np.empty(0), np.empty((0, CONTROL_COUNT))),
             Kind.INPUTS: (np.empty(0), np.empty((0, MOST_INPUTS))),
             Kind.HEIGHT: (np.empty(0), np.empty((0, 1))),
@@ -79,6 +89,8 @@ class ControlHistory:
         self.pace.restart()
         self._absurd: list[list[float]] = [[] for _ in range(CONTROL_COUNT)]  # times [s] of values that none has
         self._misread = dict.fromkeys(self._misread, -np.inf)
+        for kind, (times, values) in ahead.items():
+            self._insert(kind, times, values)
         for kind, samples in behind.items():
             self._count_late(kind, -len(samples))
             for time, values in samples:

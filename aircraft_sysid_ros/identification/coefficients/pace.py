@@ -50,8 +50,8 @@ def sampling_error(interval: float) -> float:
 
 
 def interval_of(samples: Samples, kind: Kind) -> float:
-    """Median time [s] between samples of a kind in a recording; NaN where there are not two."""
-    stamps = np.sort(samples.stamp[samples.kind == kind])
+    """Median time [s] between samples of a kind, those of one time as one; NaN where there are not two times."""
+    stamps = np.unique(samples.stamp[samples.kind == kind])
     return float(np.median(np.diff(stamps))) * 1e-9 if len(stamps) > 1 else np.nan
 
 

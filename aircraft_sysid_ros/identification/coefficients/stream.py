@@ -29,6 +29,7 @@ from aircraft_sysid_ros.identification.coefficients.layout import (
 from aircraft_sysid_ros.identification.coefficients.pace import Pace
 from aircraft_sysid_ros.identification.coefficients.signals import sensor_noise
 from aircraft_sysid_ros.identification.options import ParameterOptions
+from aircraft_sysid_ros.reconstruction.ordering import LARGEST_LEAP as _LARGEST_LEAP_OF_IMU
 from aircraft_sysid_ros.reconstruction.state import StateField
 from aircraft_sysid_ros.samples import Kind, Samples
 
@@ -37,6 +38,8 @@ Integers = npt.NDArray[np.int64]
 
 #: Rows this long [s] before the newest window are dropped.
 _MARGIN = 0.5
+#: States that leap further ahead than this [s] are by a clock that was set.
+LARGEST_LEAP = 1e-9 * _LARGEST_LEAP_OF_IMU
 #: [s] by which times that are equal may differ.
 _ROUNDING = 1e-6
 _OWN_KINDS = [int(kind) for kind in (Kind.CONTROLS, Kind.HEIGHT, Kind.MASS, Kind.INPUTS, *(kind for kind, _ in VANES))]
@@ -102,6 +105,10 @@ class CoefficientStream:
         #: Time [s] of the first state by this clock.
         self.start_time: float | None = None
 
+    def begin_manoeuvre(self) -> None:
+        """The next states are those of another manoeuvre by the same clock, however much later."""
+        self._newest = None
+
     def begin_flight(self) -> None:
         """Another flight begins, by the same clock."""
         self._angles.begin_flight()
@@ -125,8 +132,8 @@ class CoefficientStream:
             yield self._early.popleft()
 
     def has_passed(self, time: float) -> bool:
-        """Whether a state of this time [s] cannot follow those that have come."""
-        return self._newest is not None and time <= self._newest
+        """Whether a state of this time [s] cannot follow those that have come: its clock is another one."""
+        return self._newest is not None and not 0.0 < time - self._newest <= LARGEST_LEAP
 
     @property
     def flown(self) -> float:
@@ -192,6 +199,8 @@ class CoefficientStream:
     def batch(self, rows: Array, history: Array, body: Body) -> CoefficientBatch:
         """States that came together with the samples whose windows they close."""
         options, terms = self._options, self._width - TERM
+        if len(self._history) and history[0, TIME] - self._history[-1, TIME] > LARGEST_LEAP:  # no window reaches across
+            self._history, self._next_index = self._history[:0], int(np.ceil(history[0, TIME] / options.step))
         self._history = np.vstack([self._history, history])
         span = self._history[-1, TIME] - self._next_index * options.step
         most = max(int(span / options.step) + 2, 0)
@@ -208,10 +217,13 @@ class CoefficientStream:
         )
 
 
-def one_clock(rows: Array) -> list[Array]:
-    """States (n, StateField.WIDTH) in parts, each in order of time: between them the clock began anew."""
-    times = rows[:, StateField.TIME]
-    return np.split(rows, np.flatnonzero(times[1:] <= times[:-1]) + 1)
+def one_clock(rows: Array, largest_leap: float = np.inf) -> list[Array]:
+    """States (n, StateField.WIDTH) in parts, each in order of time: between them the clock began anew.
+
+    So it did where they leap ahead by more than ``largest_leap`` [s].
+    """
+    steps = np.diff(rows[:, StateField.TIME])
+    return np.split(rows, np.flatnonzero((steps <= 0.0) | (steps > largest_leap)) + 1)
 
 
 def coefficient_samples(
