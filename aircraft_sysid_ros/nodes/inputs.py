@@ -120,7 +120,9 @@ class Input:
         came = info["received_timestamp"]  # 0: the middleware does not say
         if came and time.time_ns() - came > _BEHIND:
             self._next = message, info
-            _catch_up(self._beside() or (self,))
+            now = time.time_ns()
+            while _catch_up(self._beside() or (() if self._is_closed else (self,)), now):
+                self._others()
             self._others()
         else:
             self._take(message, info)
@@ -130,12 +132,12 @@ class Input:
         self._receive(message)
 
 
-def _catch_up(inputs: Sequence[Input]) -> None:
-    """Receive what has come by now, the oldest first.
+def _catch_up(inputs: Sequence[Input], now: int) -> bool:
+    """Receive what came by ``now`` [ns], the oldest first, or a part of it; returns whether there may be more.
 
-    What was taken to see how old it is is received too: the executor knows no more of it.
+    What was taken to see how old it is is received at the end too, since the executor knows no more of it. Sooner, one
+    message of a sensor that had been silent would set the clock ahead of all that still waits.
     """
-    now = time.time_ns()
     for _ in range(_MOST_AT_ONCE):
         heads = [(taken, each) for each in inputs if (taken := each._look())]
         taken, first = min(heads, key=lambda head: head[0][1]["received_timestamp"], default=(None, None))
@@ -143,10 +145,13 @@ def _catch_up(inputs: Sequence[Input]) -> None:
             break
         first._next = None
         first._take(*taken)
+    else:
+        return True
     held = [(each._next, each) for each in inputs if each._next]
     for taken, each in sorted(held, key=lambda head: head[0][1]["received_timestamp"]):
         each._next = None
         each._take(*taken)
+    return False
 
 
 class _Both:

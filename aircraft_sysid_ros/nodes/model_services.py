@@ -37,6 +37,7 @@ from aircraft_sysid_ros.ros_messages.output_messages import BASE_FRD
 Array = npt.NDArray[np.float64]
 
 _NO_REASON = "it explains less of the flight so far than its numbers cost, which gives no reason to keep it"
+_FORGOTTEN = "what was found is forgotten with what was learnt: the next search begins when enough is known again"
 #: Time [s] between looks whether a search has ended.
 _POLL = 0.2
 
@@ -66,6 +67,7 @@ class ModelServices:
     def _restart(self) -> None:
         self._due, self._begun, self._spent, self._stamp = -np.inf, 0.0, 0.0, 0
         self._verdict = ""  # of the newest search
+        self._is_stale = False  # what the search that runs looks at has been forgotten
 
     # -- lifecycle -----------------------------------------------------------------------------------------------
 
@@ -76,6 +78,13 @@ class ModelServices:
         self._added.clear()
         self._restart()
         self.use(options)
+
+    def begin_anew(self) -> None:
+        """What was learnt is forgotten or another's: so is what was found missing, also by a search that still runs."""
+        self.memory.clear()
+        self._due, self._verdict = -np.inf, ""
+        self._is_stale = self._worker is not None and self._worker.busy
+        self._publish({"model": self._node.estimator.model.identifier, "verdict": "none", "advice": _FORGOTTEN})
 
     def use(self, options: DiagnosisOptions) -> None:
         """Search with other options from the next search on; a period that is set begins with a search."""
@@ -134,16 +143,18 @@ class ModelServices:
         answer = self._worker.answer() if self._worker is not None else None
         if answer is None:
             return
-        self._spent = answer.processor_time
+        self._spent, is_stale, self._is_stale = answer.processor_time, self._is_stale, False
         if answer.content is None:
             self._node.get_logger().warning(answer.failure)
             self.close()
-        elif answer.content["model"] == self._node.estimator.model.identifier:
+        elif answer.content["model"] == self._node.estimator.model.identifier and not is_stale:
             candidates = [EffectCandidate(**candidate) for candidate in answer.content["candidates"]]
-            content = {**answer.content, "candidates": candidates}
             self._verdict = answer.content["verdict"]
-            message = common.fill(MissingEffects(), content)
-            self._publisher.publish(common.stamp_of(message, self._stamp, self._node.frame(BASE_FRD)))
+            self._publish({**answer.content, "candidates": candidates})
+
+    def _publish(self, content: dict[str, Any]) -> None:
+        message = common.fill(MissingEffects(), content)
+        self._publisher.publish(common.stamp_of(message, self._stamp, self._node.frame(BASE_FRD)))
 
     @property
     def search_in_words(self) -> str:

@@ -154,7 +154,7 @@ class ParameterEstimatorNode(EstimatorNode):
     def begin_anew(self) -> None:
         """Forget the parameters; the model and what has been measured of it stay."""
         self.estimator.reset()
-        self.model_services.memory.clear()
+        self.model_services.begin_anew()
 
     @property
     def flown(self) -> float:
@@ -291,7 +291,7 @@ class ParameterEstimatorNode(EstimatorNode):
         try:
             path = self._model_path(request.path)
             response.model = load_model(self.estimator, path)
-            self.model_services.memory.clear()  # what is known now is not from these samples
+            self.model_services.begin_anew()  # what is known now is not from these samples
             name = self.estimator.learning.published["published"]
             anew = f"; the estimator {name} begins anew" if self.estimator.learning.lends else ""
             response.success, response.message = True, f"read from {path}{anew}"

@@ -113,6 +113,23 @@ def test_a_drain_receives_what_has_come_in_the_order_in_which_it_was_sent(pair):
     assert taken == order
 
 
+def test_a_process_that_is_behind_receives_all_topics_in_the_order_in_which_they_came(pair, bench):
+    """One message of a topic that had been silent was received before hundreds that came before it."""
+    taken, inputs, publishers = pair(QoSProfile(history=HistoryPolicy.KEEP_ALL))
+    for each in inputs:
+        each._beside = lambda: inputs
+    message, order = Imu(), []
+    for number in range(700):
+        message.header.stamp.sec, side = number, int(number in (450, 451, 699))
+        publishers[side].publish(message)
+        order.append((("left", "right")[side], number))
+    for publisher in publishers:
+        publisher.wait_for_all_acked()
+    time.sleep(0.05)  # what has waited for longer than this is what a process is behind of
+    bench.spin_until(lambda: len(taken) == len(order))
+    assert taken == order
+
+
 def test_the_ordinary_executor_gives_message_and_information_too(bench):
     """Where rclpy has no events executor; that one gives both as one argument."""
     taken = []

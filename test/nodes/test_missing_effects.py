@@ -170,3 +170,25 @@ def test_searches_take_no_more_than_their_share(bench, monkeypatch):
             begun.append(second)
             services.publish_ready()
     assert begun == [0, 40, 80]
+
+
+def test_a_reset_takes_back_what_was_found_missing_also_by_a_search_that_runs(bench):
+    """The page went on offering to add it in flight."""
+    node = bench.node(ParameterEstimatorNode)
+    found = bench.listen(MissingEffects, "parameter_estimator/missing_effects")
+    assert start(node)
+    services, running = node.model_services, FakeWorker()
+    content = {"model": node.estimator.model.identifier, "verdict": "unexplained", "candidates": [], "advice": ""}
+    running.answer = lambda: Answer(content, 2.0)
+    services._worker = running
+    services.publish_ready()
+    bench.spin_until(lambda: bool(found))
+    assert services.search_in_words == found[-1].verdict == "unexplained"
+    running.busy = True
+    assert bench.call(Reset, f"{NODE}/reset").success
+    bench.spin_until(lambda: "forgotten" in found[-1].advice)
+    running.busy = False
+    services.publish_ready()
+    assert found[-1].verdict == "none" and services.search_in_words.startswith("not looked for yet")
+    services.publish_ready()  # of the next search
+    assert services.search_in_words == "unexplained"
