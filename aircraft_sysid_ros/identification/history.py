@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -22,6 +23,8 @@ Array = npt.NDArray[np.float64]
 SAMPLE_MEMORY = 20.0
 #: Time [s] between checkpoints, and for how long they are kept.
 SPACING, CHECKPOINT_MEMORY = 1.0, 30.0
+#: Time [s] for which nothing must have gone wrong after a checkpoint that outlives a change of the model.
+SETTLED = 5.0
 
 _TIME = CoefficientSample.TIME
 _WEIGHTS = slice(0, WEIGHT_COLUMNS)
@@ -128,11 +131,12 @@ class ParameterCheckpoint:
     estimator: Any  # what ``Estimator.checkpoint`` gave, if another one is published; else None
     changed: Array  # (2, 6) when each axis changed last: [s] as in CoefficientSample.TIME, [s] of flight
     ranges: Array  # (3, 2) learnt between these V, alpha, beta
+    carried: ParameterSet | None = None  # ``found`` as another model has it, which came since
 
     @cached_property
     def found(self) -> ParameterSet:
         """As it was published then."""
-        return self.describe()
+        return self.describe() if self.carried is None else self.carried
 
     @cached_property
     def said(self) -> Array:
@@ -142,11 +146,12 @@ class ParameterCheckpoint:
     @cached_property
     def theta(self) -> Array:
         """The same values (parameters,), 0 where nothing was known."""
-        return np.nan_to_num(self.describe.values())
+        return np.nan_to_num(self.describe.values() if self.carried is None else self.said[0])
 
     def without_time(self) -> ParameterCheckpoint:
         """The same after the clock began anew: what was found then has no age on it."""
-        return replace(self, describe=self.describe._replace(time=np.nan))
+        carried = None if self.carried is None else replace(self.carried, time=np.nan)
+        return replace(self, describe=self.describe._replace(time=np.nan), carried=carried)
 
 
 class Checkpoints:
@@ -183,6 +188,16 @@ class Checkpoints:
             if self._sound_since[axis] < kept.time <= time:
                 return kept
         return self._fallback[axis]
+
+    def go_on(self, before: Checkpoints, carry: Callable[[ParameterCheckpoint], ParameterCheckpoint]) -> None:
+        """The newest of ``before``, and what each axis knew some time ago, as another model has them by ``carry``."""
+        newest, now = before.newest(), -np.inf
+        if newest is not None:
+            self.keep(carry(newest))
+            now = newest.time
+        for axis in range(len(AXES)):
+            kept = before.before(now - SETTLED, axis)
+            self.begin_anew(axis, now, None if kept is None else carry(kept))
 
     def begin_anew(self, axis: int, now: float, fallback: ParameterCheckpoint | None) -> None:
         """Checkpoints from before ``now`` [s] say nothing of an axis any more, but for one."""

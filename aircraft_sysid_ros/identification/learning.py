@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from copy import copy
 from dataclasses import replace
 
@@ -19,7 +19,11 @@ from aircraft_sysid_ros.identification.doubtful_constants import DoubtfulConstan
 from aircraft_sysid_ros.identification.estimators.by_name import make_estimator
 from aircraft_sysid_ros.identification.estimators.choice import EstimatorChoice
 from aircraft_sysid_ros.identification.estimators.contract import AxisEstimate, AxisReset, Estimator
-from aircraft_sysid_ros.identification.estimators.recursive_least_squares import RecursiveLeastSquares, RlsState
+from aircraft_sysid_ros.identification.estimators.recursive_least_squares import (
+    RecursiveLeastSquares,
+    RlsState,
+    restore_axis,
+)
 from aircraft_sysid_ros.identification.health import HealthWatch
 from aircraft_sysid_ros.identification.history import ParameterCheckpoint, SampleHistory
 from aircraft_sysid_ros.identification.landing import Known, Landing
@@ -144,8 +148,14 @@ class Learning:
         elif self.lends:
             self.estimator.keep_pace(self._pace)
 
-    def adopt(self, aircraft: Aircraft, state: RlsState, estimator: Estimator) -> None:
-        """Go on with another model and what is known of it, see ``model_change``."""
+    def adopt(
+        self,
+        aircraft: Aircraft,
+        state: RlsState,
+        estimator: Estimator,
+        carry: Callable[[ParameterCheckpoint], ParameterCheckpoint],
+    ) -> None:
+        """Go on with another model and what is known of it, see ``model_change``; ``carry`` what was known before."""
         self.least_squares.adopt(aircraft.model, state)
         if estimator is not self.estimator and estimator is not self.least_squares:
             self.known.begin(self.least_squares.known())  # until the new estimator knows better
@@ -158,7 +168,7 @@ class Learning:
         self.undescribed.adopt(aircraft.model)
         self.changes.restart()
         self.changes.forget([axis for axis, name in enumerate(AXES) if before[name] != aircraft.model.terms[name]])
-        self.integrity.change_model(aircraft)
+        self.integrity.change_model(aircraft, None if self.lends else carry)
         self.landing.restart()
         self.fleet.adopt(aircraft.model)
         self.health.adopt(aircraft.model)
@@ -325,6 +335,24 @@ class Learning:
                 return
             self.estimator.restore(oldest.estimator, *(axis for axis, _ in restores))
             self.known.begin(self.estimator.known())
+
+    def take(self, learnt: Mapping[str, Array], sensors: Mapping[str, Array]) -> None:
+        """Begin anew, and go on from arrays of an ``RlsState`` and of ``UndescribedSensors.sums`` of another time."""
+        self.reset()
+        for name, array in learnt.items():
+            getattr(self.least_squares.state, name)[:] = array
+        self.undescribed.go_on(sensors)
+        if not self.lends:
+            self.integrity.know(self._checkpoint(np.nan, np.nan))
+
+    def believed(self) -> RlsState:
+        """What least squares know, of an axis that is held what they knew before."""
+        state = self.least_squares.checkpoint()
+        nothing = self.least_squares.new_state(self.aircraft.model)
+        for axis, hold in enumerate(self.integrity.holds):
+            if hold is not None:
+                restore_axis(state, nothing if hold.good is None else hold.good.least_squares, axis)
+        return state
 
     def _checkpoint(self, time: float, used_until: float) -> ParameterCheckpoint:
         state = self.least_squares.checkpoint()

@@ -21,8 +21,8 @@ A term that goes is set to zero as if measured without error, which is the exact
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -30,6 +30,7 @@ import numpy.typing as npt
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, AerodynamicModel
 from aircraft_sysid_ros.aircraft.configuration import Aircraft, aircraft_from_dict
 from aircraft_sysid_ros.aircraft.postfix import evaluate_programs, evaluate_rows
+from aircraft_sysid_ros.aircraft.signals import SIGNAL_COUNT
 from aircraft_sysid_ros.aircraft.term_values import link, with_lags
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.estimation.lagged_moments import add_sample
@@ -38,7 +39,10 @@ from aircraft_sysid_ros.identification.coefficients.signals import sensor_noise,
 from aircraft_sysid_ros.identification.estimators.by_name import make_estimator
 from aircraft_sysid_ros.identification.estimators.recursive_least_squares import PRIOR_VARIANCE, RlsState
 from aircraft_sysid_ros.identification.flight_memory import RememberedSamples
+from aircraft_sysid_ros.identification.history import ParameterCheckpoint
 from aircraft_sysid_ros.identification.identifier import Identifier
+from aircraft_sysid_ros.identification.parameter_set import ParameterEstimate, ParameterSet
+from aircraft_sysid_ros.identification.trust import Trust
 from aircraft_sysid_ros.kernels import njit
 from aircraft_sysid_ros.reconstruction.state import StateField
 
@@ -100,9 +104,9 @@ def change_model(estimator: Identifier, aircraft: Aircraft, past: RememberedSamp
     published = estimator.learning.estimator
     if changed:
         published = make_estimator(aircraft, estimator.options, estimator.learning.least_squares)
-    state = _changed_state(estimator, new, past)
+    state = _changed_state(estimator, estimator.learning.least_squares.state, old, new, past)
     restarted = published is not estimator.learning.estimator
-    estimator.adopt(aircraft, state, published)
+    estimator.adopt(aircraft, state, published, _carried(estimator, new))
     estimator.learning.history.forget_predictions([AXES.index(axis) for axis in changed])
     return ModelChange(new.identifier, changed, restarted)
 
@@ -199,9 +203,41 @@ def reduced(theta: Array, p: Array, keep: npt.NDArray[np.bool_]) -> tuple[Array,
 # -- all that was learnt ------------------------------------------------------------------------------------------
 
 
-def _changed_state(estimator: Identifier, new: AerodynamicModel, past: RememberedSamples) -> RlsState:
-    """Learning of the new model."""
-    old, was = estimator.model, estimator.learning.least_squares.state
+def _carried(estimator: Identifier, new: AerodynamicModel) -> Callable[[ParameterCheckpoint], ParameterCheckpoint]:
+    """What makes of a checkpoint one of the new model: terms that stay are as they were, of others nothing is known."""
+    old, shapes = estimator.model, ((), (len(AXES),), (len(AXES),), (SIGNAL_COUNT,), (3,), ())
+    nothing = RememberedSamples(*(np.empty((0, *shape)) for shape in shapes))
+    done: dict[int, ParameterCheckpoint] = {}
+
+    def carry(kept: ParameterCheckpoint) -> ParameterCheckpoint:
+        if id(kept) not in done:
+            state = _changed_state(estimator, kept.least_squares, old, new, nothing)
+            found = _in_terms_of(new, kept.found)
+            done[id(kept)] = replace(kept, least_squares=state, estimator=None, carried=found)
+        return done[id(kept)]
+
+    return carry
+
+
+def _in_terms_of(new: AerodynamicModel, found: ParameterSet) -> ParameterSet:
+    """What was found, as parameters of another model: those that it has not are not known."""
+    known = {p.name: i for i, p in enumerate(found.parameters)}
+    place = np.array([known.get(name, -1) for name in new.parameter_names])
+    nan = float("nan")
+    parameters = tuple(
+        found.parameters[i] if i >= 0 else ParameterEstimate(name, nan, nan, Trust.HOLD, "not learnt yet", nan, 0.0)
+        for i, name in zip(place.tolist(), new.parameter_names, strict=True)
+    )
+    covariance = np.full((len(place), len(place)), np.nan)
+    there = np.flatnonzero(place >= 0)
+    covariance[np.ix_(there, there)] = found.covariance[np.ix_(place[there], place[there])]
+    return replace(found, model=new.identifier, parameters=parameters, covariance=covariance)
+
+
+def _changed_state(
+    estimator: Identifier, was: RlsState, old: AerodynamicModel, new: AerodynamicModel, past: RememberedSamples
+) -> RlsState:
+    """Learning of the new model, where that of the old ``was``."""
     learning = estimator.learning.least_squares.new_state(new)
     for array in ("updates", "last_valid", "bias_variance", "prior_variance", "sampling"):
         getattr(learning, array)[:] = getattr(was, array)

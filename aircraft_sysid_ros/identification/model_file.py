@@ -42,12 +42,13 @@ def in_folder(folder: str | Path, name: str) -> Path:
 
 def save_model(estimator: Identifier, path: str | Path) -> None:
     """Write terms, parameters and the state of the recursion into a new file; InputError where it cannot write."""
+    learnt = estimator.learning.believed()
     content = {
         "format": _FORMAT,
         "model": estimator.model.identifier,
         "terms": estimator.model.terms,
         "parameters": parameters_json(estimator)["parameters"],
-        "learnt": {name: getattr(estimator.learning.least_squares.state, name).tolist() for name in _LEARNT},
+        "learnt": {name: getattr(learnt, name).tolist() for name in _LEARNT},
         "sensors": {name: sums.tolist() for name, sums in estimator.learning.undescribed.sums.items()},
     }
     path = Path(path)
@@ -93,9 +94,7 @@ def load_model(estimator: Identifier, path: str | Path) -> str:
         )
     _check_shapes(estimator, learnt, sensors, path)
     estimator.reset()
-    for name, array in learnt.items():
-        getattr(estimator.learning.least_squares.state, name)[:] = array
-    estimator.learning.undescribed.go_on(sensors)
+    estimator.learning.take(learnt, sensors)
     return estimator.model.identifier
 
 

@@ -15,7 +15,8 @@ from aircraft_sysid_ros.identification.flight_memory import BLOCK, MOST_BLOCKS, 
 from aircraft_sysid_ros.identification.identifier import Identifier
 from aircraft_sysid_ros.identification.model_change import change_model, extended, reduced, with_terms
 from aircraft_sysid_ros.identification.model_file import load_model, save_model
-from aircraft_sysid_ros.identification.monitoring.hold import Hold
+from aircraft_sysid_ros.identification.monitoring.hold import Hold, Restore
+from aircraft_sysid_ros.identification.monitoring.sensor_faults import Sign
 from aircraft_sysid_ros.identification.options import ParameterOptions
 from aircraft_sysid_ros.identification.trust import Trust
 from aircraft_sysid_ros.pipeline import Pipeline
@@ -246,14 +247,77 @@ def test_a_term_that_a_user_takes_out_is_no_change_of_the_aeroplane(flown, at_si
 
 
 def test_a_hold_because_of_a_sensor_outlives_a_change_of_the_model(of_servos):
+    """So do the values from before it: all of them were lost, of axes too that were not changed."""
     estimator, memory = copy.deepcopy(of_servos[1:])
     monitor = estimator.learning.integrity
+    since = estimator.time - 5.0
+    good = monitor.checkpoints.before(since, 0)
     for axis in range(6):
-        monitor.holds[axis] = Hold(55.0, 55.0, "vanes", None, sensor=True, high=axis == 0)
-    monitor.holds[4] = Hold(55.0, 55.0, "model error", None, sensor=False, high=True)
-    change_model(estimator, with_terms(estimator.aircraft, HIDDEN, {}), memory.newest())
+        monitor.holds[axis] = Hold(since, since, "vanes", good, sensor=True, high=axis == 0)
+    monitor.holds[4] = Hold(since, since, "model error", good, sensor=False, high=True)
+    before = {p.name: p for p in estimator.snapshot().parameters}
+    change_model(estimator, with_terms(estimator.aircraft, HIDDEN, {"Cn": ("da",)}), memory.newest())
     assert [hold.words if hold else "" for hold in monitor.holds] == ["vanes"] * 4 + ["", "vanes"]
     assert {name[:2] for name in in_use(estimator)} <= {"Cm"}
+    after = {p.name: p for p in estimator.snapshot().parameters}
+    for name, p in before.items():
+        if name[:2] != "Cm" and name != "Cn_da":
+            assert (after[name].value, after[name].std) == pytest.approx((p.value, p.std), nan_ok=True), name
+    assert np.isnan(after["CZ_alpha3"].value) and "Cn_da" not in after
+    assert sum(np.isfinite(p.value) for p in after.values()) > 20
+
+
+def test_an_axis_goes_back_to_what_it_knew_before_the_model_was_changed(of_servos):
+    flown, (estimator, memory) = of_servos[0], copy.deepcopy(of_servos[1:])
+    monitor = estimator.learning.integrity
+    change_model(estimator, with_terms(estimator.aircraft, HIDDEN, {}), memory.newest())
+    known, state = in_use(estimator), estimator.learning.least_squares.state
+    now, part = estimator.time, estimator.model.axis_slice("Cl")
+    wanted = monitor.checkpoints.before(now - 0.5, 3)
+    assert wanted is not None and now - 8.0 < wanted.time < now - 4.0  # nothing is known to have gone wrong after it
+    state.theta[3] *= 2.0  # as a fault of a sensor leaves it
+    estimator.learning._restore([Restore(3, wanted)])
+    names = estimator.model.parameter_names[part]
+    after = in_use(estimator)
+    for name in set(names) & known.keys() & after.keys():
+        assert abs(after[name][0] - known[name][0]) < 4.0 * after[name][1], name
+    assert "Cl_da" in after
+    flown.fly(estimator, 60.0, 64.0)
+    assert farthest(in_use(estimator), flown.aircraft.coefficients) < 4.0
+
+
+def test_what_is_held_is_saved_as_it_was_before(of_servos, tmp_path):
+    """What the monitor had withdrawn came back with USE when it was loaded."""
+    estimator = copy.deepcopy(of_servos[1])
+    monitor, state = estimator.learning.integrity, estimator.learning.least_squares.state
+    right = state.theta.copy()
+    since = estimator.time - 2.0
+    good = monitor.checkpoints.before(since, 3)
+    for axis, known in ((3, good), (5, None)):
+        monitor.holds[axis] = Hold(since, since, "the sideslip is wrong", known, sensor=True, high=True)
+        state.theta[axis] *= 1.5
+    save_model(estimator, tmp_path / "model.json")
+    load_model(estimator, tmp_path / "model.json")
+    loaded = estimator.learning.least_squares.state
+    np.testing.assert_array_equal(loaded.theta[3], good.least_squares.theta[3])
+    np.testing.assert_allclose(loaded.theta[3], right[3], rtol=0.05, atol=0.02)
+    assert loaded.updates[5] == 0 and not loaded.theta[5].any()
+
+
+def test_what_was_loaded_is_published_while_a_sensor_is_wrong_from_the_start(of_servos, tmp_path):
+    """Nothing was."""
+    flown, saved, _ = of_servos
+    save_model(saved, tmp_path / "model.json")
+    estimator = flown.estimator(of_shape(flown.aircraft))
+    flown.fly(estimator, 0.0, 5.0)
+    load_model(estimator, tmp_path / "model.json")
+    loaded = estimator.estimates().parameters
+    flown.fly(estimator, 5.0, 7.0)
+    estimator.learning.integrity._distrust(estimator.time, [Sign("air data")], sure=True)
+    published = estimator.snapshot().parameters
+    assert {p.status for p in published} == {Trust.HOLD}
+    np.testing.assert_array_equal([(p.value, p.std) for p in published], [(p.value, p.std) for p in loaded])
+    assert sum(np.isfinite(p.value) for p in published) > 25
 
 
 def test_what_another_flight_has_learnt_waits_until_the_sensors_of_this_one_have_shown_themselves(of_servos, tmp_path):

@@ -218,12 +218,7 @@ class RecursiveLeastSquares:
     def restore(self, checkpoint: RlsState, *axes: int) -> None:
         """Make of axes what they were. What followed in time is no neighbour of what comes."""
         for axis in axes:
-            for name in _BY_AXIS:
-                getattr(self.state, name)[axis] = getattr(checkpoint, name)[axis]
-            part = self.model.axis_slice(AXES[axis])
-            for name in _BY_PARAMETER:
-                getattr(self.state, name)[part] = getattr(checkpoint, name)[part]
-            self.state.recent[axis], self.state.last_valid[axis] = np.nan, -np.inf
+            restore_axis(self.state, checkpoint, axis)
 
     def warm_up(self) -> None:
         """Compile, or load from the cache, what two seconds of level flight do not reach."""
@@ -234,6 +229,16 @@ class RecursiveLeastSquares:
         least_squares(self.model, 0, state)
         columns = TERMS_OF_SAMPLE + int(self.model.offsets[-1])
         learn_again(0, np.empty((0, columns)), np.empty((0, WEIGHT_COLUMNS)), state, self.tuning)
+
+
+def restore_axis(state: RlsState, checkpoint: RlsState, axis: int) -> None:
+    """Make of an axis what it was at a checkpoint."""
+    for name in _BY_AXIS:
+        getattr(state, name)[axis] = getattr(checkpoint, name)[axis]
+    part = slice(int(state.offsets[axis]), int(state.offsets[axis + 1]))
+    for name in _BY_PARAMETER:
+        getattr(state, name)[part] = getattr(checkpoint, name)[part]
+    state.recent[axis], state.last_valid[axis] = np.nan, -np.inf
 
 
 # -- the loop -------------------------------------------------------------------------------------------------------

@@ -125,7 +125,7 @@ class ErrorWatch:
         What moves by its noise alone has parameters that are wrong, and for that reason HOLD; the first motion says so.
         """
         past, part = self._checkpoints.before(time, axis), self._model.axis_slice(AXES[axis])
-        if past is None or self._known_before.is_known[part].any():
+        if past is None or np.isnan(past.time) or self._known_before.is_known[part].any():  # NaN: it came from a file
             return True
         moving = self._model.constants[axis] == 0.0
         used = [p.status == Trust.USE for p in past.found.parameters[part]]

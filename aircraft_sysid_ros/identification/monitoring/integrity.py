@@ -21,7 +21,7 @@ The monitor changes no estimator: it returns commands (``Restore``), and the fac
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from copy import copy
 from dataclasses import replace
 from typing import Any, NamedTuple
@@ -95,13 +95,26 @@ class IntegrityMonitor:
         self.count = 0  # how often axes were held
         self.restart()
 
-    def change_model(self, aircraft: Aircraft) -> None:
-        """Go on with another model: what was known of the old one is none of it, what is wrong with sensors is."""
-        sensors, signs, count = self.sensors, self._signs, self.count
+    def change_model(
+        self, aircraft: Aircraft, carry: Callable[[ParameterCheckpoint], ParameterCheckpoint] | None
+    ) -> None:
+        """Go on with another model: what was known before is ``carry`` of it, and what is wrong with sensors still is.
+
+        Without ``carry`` nothing was known before.
+        """
+        sensors, signs, count, before = self.sensors, self._signs, self.count, self.checkpoints
         of_sensors = [hold if hold is not None and hold.sensor else None for hold in self.holds]
         self.adopt(aircraft)
         self.sensors, self._signs, self.count = sensors, signs, count
-        self.holds = [None if hold is None else replace(hold, good=None) for hold in of_sensors]
+        if carry is not None:
+            self.checkpoints.go_on(before, carry)
+        goods = [carry(hold.good) if hold and hold.good and carry else None for hold in of_sensors]
+        self.holds = [hold and replace(hold, good=good) for hold, good in zip(of_sensors, goods, strict=True)]
+
+    def know(self, kept: ParameterCheckpoint) -> None:
+        """Something was known before the first sample: what is published while sensors are wrong from then on."""
+        for axis in range(len(AXES)):
+            self.checkpoints.begin_anew(axis, -np.inf, kept)
 
     def forget_at(self, forgetting: float) -> None:
         """What is compared is forgotten at another rate, per evaluation, from now on."""
