@@ -31,6 +31,8 @@ AIRCRAFT, PARAMETERS, STATE, POINTS, SAMPLES, ESTIMATES = (
 DIAGNOSIS = "diagnosis.json"
 #: What ``calibrate`` writes into its folder.
 CALIBRATION, RESULT = "calibration.yaml", "result.json"
+#: Begin of the note of a run whose samples a calibration has corrected.
+CORRECTED = "its samples are corrected by the calibration "
 #: Arrays of points.npz, besides the stamps, that a run is read with.
 _OF_POINTS = ("measured", "valid", "terms", "signals", "signal_names")
 #: What the readers below raise where a file is not there, cannot be read, or is not what it should be.
@@ -64,6 +66,11 @@ def late_surfaces_of(folder: Path) -> dict[str, tuple[float, float]]:
     except UNREADABLE:  # said of that file
         return {}
     return {key: number for key, number in found.items() if _are_finite(*number)}
+
+
+def corrected_note(calibration: str | Path) -> str:
+    """For a run whose samples are corrected by the file of a calibration."""
+    return f"{CORRECTED}{calibration}: what is found from them now is what that has left, and comes on top of it"
 
 
 def read_state(folder: Path) -> dict[str, Any]:

@@ -38,9 +38,13 @@ PARAMETERS = {
 }
 #: Parameters of a probe, or of compatibility, that a filter may have as states.
 AIR_DATA_ERRORS = ("lambda_V", "b_V", "lambda_alpha", "b_alpha", "lambda_beta", "b_beta")
+_SCALES = ("lambda_V", "lambda_alpha", "lambda_beta", "lambda_phi", "lambda_theta", "lambda_psi")
+_ANGLES = ("b_alpha", "b_beta", "b_phi", "b_theta", "b_psi")
 _SENSITIVITIES, _ZEROS, _COVARIANCE = ("alpha_sensitivity", "beta_sensitivity"), "pressure_zeros", "covariance"
-#: 1 + lambda below this is no scale of a sensor.
-_LEAST_SCALE = 0.1
+#: 1 + lambda below the one or above the other is no scale of a sensor.
+_LEAST_SCALE, _LARGEST_SCALE = 0.1, 10.0
+#: [rad] An angle that is off by more is none that a sensor shows.
+_LARGEST_OFFSET = 1.0
 
 
 @dataclass(frozen=True)
@@ -179,3 +183,9 @@ def _check_scales(section: Mapping[str, float]) -> None:
     for key, value in section.items():
         if key.startswith("lambda_") and 1.0 + value < _LEAST_SCALE:
             raise InputError(f"{key} must be more than {_LEAST_SCALE - 1.0:g}, not {value:g}")
+        if key in _SCALES and 1.0 + value > _LARGEST_SCALE:
+            raise InputError(
+                f"{key} must be at most {_LARGEST_SCALE - 1.0:g}, not {value:g}: it is a share, 0.1 for 10 %"
+            )
+        if key in _ANGLES and abs(value) > _LARGEST_OFFSET:
+            raise InputError(f"{key} must be within {_LARGEST_OFFSET:g} rad, not {value:g}: angles are in rad")

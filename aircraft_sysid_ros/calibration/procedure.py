@@ -92,6 +92,7 @@ class Answer:
     alone: bool  # stage 2 estimated xi2 alone
     converged: bool
     convergence: str
+    refused: Mapping[str, str] = field(default_factory=dict)  # why a name that was estimated is taken as nominal
 
     @property
     def problem(self) -> Problem:
@@ -108,6 +109,21 @@ class Answer:
         """Estimate by name."""
         return dict(zip(self.problem.names, map(float, self.xi), strict=True))
 
+    def without(self, refused: Mapping[str, str]) -> Answer:
+        """The answer with some names as nominal, not determined, and in words why: what was found of them is wrong."""
+        out = np.array([name in refused for name in self.problem.names]) & self.determined
+        told = {
+            name: f"{refused[name]} ({value:.3g} ± {std:.2g}): taken as {nominal:.4g}"
+            for name, value, std, nominal, there in zip(
+                self.problem.names, self.xi, self.std, self.task.nominal, out, strict=True
+            )
+            if there
+        }
+        return replace(
+            self, xi=np.where(out, self.task.nominal, self.xi), determined=self.determined & ~out,
+            at_bound=self.at_bound & ~out, refused=told,
+        )  # fmt: skip
+
     def residuals(self, xi: Array | None = None) -> Array:
         """z - A xi1 - b (K, m) at the answer, or at other unknowns."""
         return residuals(self.problem, self.xi if xi is None else xi)
@@ -121,6 +137,7 @@ class Answer:
             if name in names:
                 there = bool(self.determined[i])
                 reason = "" if there else f"not excited, taken as {self.xi[i]:.4g}: fly {excited_by[name]}"
+                reason = self.refused.get(name, reason)
                 if there and self.at_bound[i]:
                     reason = "at its bound: the standard error means nothing"
                 rows.append({

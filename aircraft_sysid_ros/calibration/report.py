@@ -17,6 +17,7 @@ from aircraft_sysid_ros.calibration.navigation import Navigation
 from aircraft_sysid_ros.calibration.procedure import Answer, residuals, solve
 from aircraft_sysid_ros.calibration.segments import LEAST_TURN, Segments, turned_through
 from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.estimation.two_stage.residual_sampling import NoMinimumError
 from aircraft_sysid_ros.samples import Samples
 
 Array = npt.NDArray[np.float64]
@@ -24,6 +25,15 @@ Span = tuple[float, float] | None
 
 #: Points of the residuals over time that a result holds, every n-th: enough for a picture.
 MOST_POINTS = 1500
+
+
+#: Errors of one sensor: where one of them is at its bound, the others are no answer either.
+_OF_ONE_SENSOR = (
+    ("lambda_V", "b_V"),
+    ("lambda_alpha", "b_alpha", "kappa_alpha"),
+    ("lambda_beta", "b_beta", "kappa_beta"),
+)
+_AIR_DATA = sum(_OF_ONE_SENSOR, ())
 
 
 @dataclass(frozen=True)
@@ -73,9 +83,9 @@ class Report:
     def _stage_1(self) -> dict[str, Any]:
         """Samples of the sampled parameters ``names`` with Tr R (19), and the minima that were reached from them."""
         answer = self.answer
-        free = answer.determined[answer.problem.n1 :]
+        free = zip(answer.problem.names2, answer.determined[answer.problem.n1 :], strict=True)
         return {
-            "names": [name for name, there in zip(answer.problem.names2, free, strict=True) if there],
+            "names": [name for name, there in free if there or name in answer.refused],
             "unique": answer.decision.unique,
             "minima": [{"xi2": m.xi2.tolist(), "trace": m.trace} for m in answer.decision.minima],
             "xi2": answer.samples.xi2.tolist(),
@@ -112,13 +122,21 @@ def calibrate_probe(
             "the flight is straight: wind and airspeed error cannot be told apart, nor wind across and sideslip error. "
             "Fly two full circles at different airspeeds"
         )
-    found = probe_models.solve_probe(flight, **options)
+    try:
+        found = probe_models.solve_probe(flight, **options)
+    except NoMinimumError:
+        raise InputError(
+            "nothing tells the errors of the probe and the wind apart in this flight, as in circles at one airspeed "
+            "alone: fly two full circles at different airspeeds, with pushovers or doublets between them"
+        ) from None
     answer, model, whole = found.answer, found.model, found.model.problem()
-    values, determined = answer.values, dict(zip(answer.problem.names, answer.determined, strict=True))
+    determined = dict(zip(answer.problem.names, answer.determined, strict=True))
     if not (determined["lambda_V"] or determined["b_V"]):
         raise InputError(
             "wind and airspeed error cannot be told apart in this flight: fly two full circles at different airspeeds"
         )
+    answer = answer.without(_at_bounds(answer))
+    values = answer.values
     parameters = answer.parameters(answer.problem.names, model.units(), model.excited_by())
     names = (*five_hole_probe.NAMES1[:2], *model.names2)
     section = {
@@ -130,8 +148,8 @@ def calibrate_probe(
     wind_only = answer.xi * np.array([name.startswith("W_") for name in answer.problem.names])
     return _report(
         "five-hole probe", answer, parameters, section, ("V_N", "V_E", "V_D"), "m/s", residuals(whole, wind_only),
-        residuals(whole, answer.xi), flight.segments, flight.navigation, flight.grid.step, _probe_notes(flight, found),
-        found.told(),
+        residuals(whole, answer.xi), flight.segments, flight.navigation, flight.grid.step,
+        [*_probe_notes(flight, found), *_doubts(answer), *_place_note(aircraft)], found.told(),
     )  # fmt: skip
 
 
@@ -201,6 +219,10 @@ def calibrate_compatibility(recording: Samples, aircraft: Aircraft, span: Span =
     _check_scales(aircraft)
     flight = compatibility.compatibility_flight(recording, aircraft, span)
     answer, _ = flight.solve(**options)
+    left = np.sqrt(answer.noise[:3])
+    is_steady = not np.any(left > compatibility.STEADY)
+    gusts = {} if is_steady else dict.fromkeys(_AIR_DATA, "in a wind that was not steady")
+    answer = answer.without({**_at_bounds(answer), **gusts})
     parameters = answer.parameters(answer.problem.names, compatibility.UNITS, compatibility.EXCITED_BY)
     names = (*compatibility.NAMES1, *compatibility.NAMES2)
     section = {**{name: answer.values[name] for name in names}, "std": _stds(parameters, names)}
@@ -210,17 +232,57 @@ def calibrate_compatibility(recording: Samples, aircraft: Aircraft, span: Span =
     notes = [] if flight.attitude_is_measured else [
         "the recording has no attitude: that of the navigation from IMU and GPS takes its place"
     ]  # fmt: skip
-    left = np.sqrt(answer.noise[:3])
-    if np.any(left > compatibility.STEADY):
+    if not is_steady:
         notes.append(
-            f"the wind was not steady: residuals of V, alpha, beta are {', '.join(f'{x:.2f}' for x in left)} times the "
-            f"noise of the aircraft file over pieces of {compatibility.PIECE:g} s, and a steady wind leaves less than "
-            f"{compatibility.STEADY:g}: do not use what is said of air data"
+            "the wind was not steady, or air data are wrong in another way, such as late, in another unit, or of a "
+            "probe whose place is not known (`check` and `diagnose` look for that): residuals of V, alpha, beta are "
+            f"{', '.join(f'{x:.2f}' for x in left)} times the noise of the aircraft file over pieces of "
+            f"{compatibility.PIECE:g} s, and a steady wind leaves less than {compatibility.STEADY:g}: nothing is said "
+            "of air data"
         )
+    notes += [*_doubts(answer), *_place_note(aircraft)]
     return _report(
         "data compatibility", answer, parameters, section, compatibility.OUTPUT_NAMES, "sigma of the aircraft file",
         before, answer.residuals(), flight.segments, flight.navigation, flight.grid.step, notes,
     )  # fmt: skip
+
+
+def _at_bounds(answer: Answer) -> dict[str, str]:
+    """Names of what is at its bound, but for the wind, and of what else is said of the same sensor; in words why."""
+    found = {n for n, there in zip(answer.problem.names, answer.at_bound, strict=True) if there and n[:2] != "W_"}
+    beside = {name for group in _OF_ONE_SENSOR if found & set(group) for name in group}
+    return {name: "at its bound" if name in found else "beside what is at its bound" for name in found | beside}
+
+
+def _doubts(answer: Answer) -> list[str]:
+    """What the calibration file does not correct though a number was found, and what other standard errors rest on."""
+    notes, names = [], answer.problem.names
+    if answer.refused:
+        listed = ", ".join(answer.refused)
+        notes.append(f"no answer, and not in the calibration file: {listed}; nothing is corrected by them")
+    taken = [
+        f"{name} = {value:.4g}"
+        for name, value, there in zip(names, answer.xi, answer.determined, strict=True)
+        if not there and name not in answer.refused
+    ]
+    if taken:
+        notes.append(
+            "answers and standard errors hold if what this flight does not excite is as it is taken: "
+            f"{', '.join(taken)}; where it is not, they are wrong by that"
+        )
+    return notes
+
+
+def _place_note(aircraft: Aircraft) -> list[str]:
+    """The arm of the probe is taken as known, also where nobody knows it."""
+    unsaid = sorted({key for key, _ in aircraft.unsaid}, reverse=True)
+    if not unsaid:
+        return []
+    return [
+        f"the aircraft file does not say all of {' and '.join(unsaid)}: what it leaves out is taken as that of the "
+        "centre of gravity, and errors of angles and airspeed by that are in no standard error: measure it before this "
+        "calibration is used"
+    ]
 
 
 def _check_scales(aircraft: Aircraft) -> None:

@@ -7,12 +7,15 @@ import pytest
 
 from aircraft_sysid_ros.aircraft.frames import quaternion_exp, quaternion_product
 from aircraft_sysid_ros.calibration import compatibility
+from aircraft_sysid_ros.calibration.calibration_file import AIR_DATA_ERRORS
 from aircraft_sysid_ros.calibration.compatibility import NAMES1, NAMES2, compatibility_flight
 from aircraft_sysid_ros.calibration.procedure import Answer
+from aircraft_sysid_ros.calibration.report import _at_bounds, calibrate_compatibility
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.estimation.two_stage.decision import Decision
 from aircraft_sysid_ros.estimation.two_stage.residual_sampling import ResidualSamples
 from aircraft_sysid_ros.samples import Kind
+from aircraft_sysid_ros.simulation.calibration_flight import calibration_flight
 
 
 @pytest.fixture(scope="module")
@@ -96,3 +99,30 @@ def test_missing_topics(calibration_flown):
         compatibility_flight(samples, aircraft, (5.0, 45.0))
     without = compatibility_flight(samples[samples.kind != Kind.ATTITUDE], aircraft, (5.0, 90.0))
     assert not without.attitude_is_measured  # those of the navigation take their place
+
+
+def test_what_gusts_spoil_is_not_written_into_the_file(calibration_aircraft):
+    """It was written with a word of warning on the screen, and replay took it: C_Z,alpha was a quarter too small."""
+    wind = np.array([5.0, 2.0, 0.0])
+    flight = calibration_flight(6, 150.0, aircraft=calibration_aircraft, wind=wind, turbulence="moderate")
+    report = calibrate_compatibility(flight.samples, calibration_aircraft, samples=16)
+    refused = report.answer.refused
+    assert "in a wind that was not steady" in refused["lambda_V"] and "taken as 0" in refused["lambda_V"]
+    for name in refused:
+        assert report.section[name] == 0.0 and report.section["std"][name] is None
+    assert not any(p["determined"] for p in report.parameters if p["name"] in AIR_DATA_ERRORS)
+    assert any("nothing is corrected by them" in note for note in report.notes)
+    assert report.section["std"]["b_p"] is not None  # what does not rest on the air
+    assert len(report.json()["stage_1"]["names"]) == report.answer.samples.xi2.shape[1]
+
+
+def test_what_is_at_its_bound_is_no_answer_and_what_is_beside_it_neither(made):
+    answer, _ = made.solve(samples=16)
+    names, xi = list(answer.problem.names), answer.xi.copy()
+    at = names.index("lambda_beta")
+    xi[at] = answer.problem.bounds[at, 1]
+    bound = replace(answer, xi=xi, at_bound=np.arange(len(xi)) == at, determined=np.ones(len(xi), bool))
+    left = bound.without(_at_bounds(bound))
+    assert set(left.refused) == {"lambda_beta", "b_beta"}
+    assert left.refused["lambda_beta"].startswith("at its bound") and left.refused["b_beta"].startswith("beside")
+    assert left.values["lambda_beta"] == left.values["b_beta"] == 0.0 and left.values["b_p"] == bound.values["b_p"]

@@ -86,6 +86,8 @@ def test_no_flow_gives_no_angles(calibration_flown):
         ("magnetometer: {lambda_x: yes}", "lambda_x must be a finite number"),
         ("magnetometer: 3", "must be a mapping"),
         ("compatibility: {lambda_V: -1.2}", "more than -0.9"),
+        ("compatibility: {lambda_V: 50}", "at most 9, not 50"),
+        ("compatibility: {b_alpha: 60}", "within 1 rad"),
         ("five_hole_probe: {lambda_V: 0.1}", "needs alpha_sensitivity"),
         ("five_hole_probe: {alpha_sensitivity: -1, beta_sensitivity: 3}", "must be positive"),
         ("five_hole_probe: {alpha_sensitivity: 3, beta_sensitivity: 3, pressure_zeros: 1}", "three numbers"),

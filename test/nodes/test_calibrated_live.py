@@ -7,6 +7,7 @@ import yaml
 from processes import live, play
 from test_live_equals_replay import check_same
 
+from aircraft_sysid_ros.after_flight.calibrate import _flight
 from aircraft_sysid_ros.commands.main import main
 from aircraft_sysid_ros.config_files import config_path
 from aircraft_sysid_ros.simulation.calibration_flight import CALIBRATION_AIRCRAFT, calibration_flight
@@ -43,6 +44,15 @@ def test_the_first_step_is_right_with_a_calibration_and_wrong_without(flown, tmp
     wrong = replayed(flown, tmp_path / "wrong")["wind_ned"]
     assert max(abs(a - b) for a, b in zip(right, wind, strict=True)) < 0.4
     assert max(abs(a - b) for a, b in zip(wrong, wind, strict=True)) > 0.8
+
+
+def test_who_calibrates_a_run_that_was_corrected_is_told(flown, tmp_path):
+    """The new file alone leaves in what the first one corrected."""
+    corrected = replayed(flown, tmp_path / "right", "--calibration", flown[0] / "calibration.yaml")
+    (told,) = [note for note in corrected["notes"] if str(flown[0]) in note]
+    assert "comes on top of it" in told
+    assert _flight(str(tmp_path / "right"), ())[1] == [told]
+    assert _flight(str(flown[0] / "flight"), ())[1] == []
 
 
 @pytest.mark.long

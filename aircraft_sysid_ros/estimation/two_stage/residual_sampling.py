@@ -32,6 +32,10 @@ _Result = TypeVar("_Result")
 _CANDIDATES = 5
 
 
+class NoMinimumError(InputError):
+    """No sample may be the minimum: the unknowns cannot be told apart, or bounds and conditions do not fit."""
+
+
 @dataclass(frozen=True)
 class ResidualSamples:
     """The samples and what was found at each."""
@@ -95,7 +99,7 @@ def candidates(problem: Problem, samples: ResidualSamples, conditions: Condition
     """Accepted samples that may be the minimum, lowest Tr R first, and the samples with their verdicts.
 
     They are judged in order of Tr R, first those that are lower than all their neighbours, and only until there are
-    enough. Raises InputError if all fail.
+    enough. Raises NoMinimumError if all fail.
     """
     verdict = samples.verdict.copy()
     hollows = local_minima(samples)
@@ -111,7 +115,7 @@ def candidates(problem: Problem, samples: ResidualSamples, conditions: Condition
             accepted += [i for i in now if verdict[i] == Verdict.ACCEPTED]
     samples = replace(samples, verdict=verdict)
     if not accepted:
-        raise InputError(
+        raise NoMinimumError(
             f"all samples were rejected, {samples.count(Verdict.NOT_LINEAR)} as not linear and "
             f"{samples.count(Verdict.NOT_CONVEX)} not convex: take more samples, narrower bounds or weaker conditions"
         )
