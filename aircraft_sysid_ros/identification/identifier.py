@@ -206,14 +206,19 @@ class Identifier:
         warm_up(Identifier(self.aircraft, self.options))
 
 
+def level_flight(aircraft: Aircraft, begin: float) -> Array:
+    """Two seconds of it from ``begin`` [s] on, as states (200, StateField.WIDTH)."""
+    rows = np.zeros((200, StateField.WIDTH))
+    rows[:, StateField.TIME] = begin + 0.01 * np.arange(200)
+    rows[:, StateField.ATTITUDE.start] = rows[:, StateField.STATUS] = 1.0
+    rows[:, StateField.AIRSPEED] = 2.0 * aircraft.minimum_airspeed
+    rows[:, [StateField.AIR_DENSITY, StateField.AIR_VELOCITY_STD]] = 1.0
+    return rows
+
+
 def warm_up(identifier: Identifier) -> None:
     """Two seconds of level flight through an identifier of its own, and what they do not reach."""
-    rows = np.zeros((200, StateField.WIDTH))
-    rows[:, StateField.TIME] = 0.01 * np.arange(200)
-    rows[:, StateField.ATTITUDE.start] = rows[:, StateField.STATUS] = 1.0
-    rows[:, StateField.AIRSPEED] = 2.0 * identifier.aircraft.minimum_airspeed
-    rows[:, [StateField.AIR_DENSITY, StateField.AIR_VELOCITY_STD]] = 1.0
-    identifier.push_states(rows)
+    identifier.push_states(level_flight(identifier.aircraft, 0.0))
     identifier.flush()
     identifier.snapshot()
     identifier.model_error()

@@ -40,7 +40,8 @@ from aircraft_sysid_ros.identification.estimators.by_name import make_estimator
 from aircraft_sysid_ros.identification.estimators.recursive_least_squares import PRIOR_VARIANCE, RlsState
 from aircraft_sysid_ros.identification.flight_memory import RememberedSamples
 from aircraft_sysid_ros.identification.history import ParameterCheckpoint
-from aircraft_sysid_ros.identification.identifier import Identifier
+from aircraft_sysid_ros.identification.identifier import Identifier, level_flight
+from aircraft_sysid_ros.identification.options import ParameterOptions
 from aircraft_sysid_ros.identification.parameter_set import ParameterEstimate, ParameterSet
 from aircraft_sysid_ros.identification.trust import Trust
 from aircraft_sysid_ros.kernels import njit
@@ -57,6 +58,8 @@ _SINGULAR = 1e-10
 _MOTION_TIME = 20.0
 #: Angle [rad] by which terms are differentiated.
 _SMALL_ANGLE = 1e-3
+#: Terms that no model has.
+_WARMING = ("lag(alpha, 0.1234)", "limited(de, 0.1234)")
 _ROW_WIDTH, _AIR_VELOCITY_STD = StateField.WIDTH, StateField.AIR_VELOCITY_STD
 
 
@@ -119,6 +122,22 @@ def _pause(estimator: Identifier) -> float:
 def _fading(estimator: Identifier, count: int) -> Array:
     """What forgetting has left (count,) of the weights of points, the newest last."""
     return np.asarray(np.exp(np.log(estimator.learning.least_squares.tuning.forgetting) * np.arange(count)[::-1]))
+
+
+def warm_up(aircraft: Aircraft, options: ParameterOptions) -> None:
+    """Compile (or load from the cache) before a flight what a change of its model needs, also for terms with memory."""
+    estimator, draws, count = Identifier(aircraft, options), np.random.default_rng(0), 400
+    estimator.push_states(level_flight(aircraft, 0.0))
+    of_vanes = estimator.learning.least_squares.state.vane_covariance
+    of_vanes[:] = 1e-6 * np.eye(of_vanes.shape[1])
+    time, axes, ones = options.step * np.arange(count, dtype=np.float64), (count, len(AXES)), np.ones(count)
+    signals = draws.uniform(0.1, 0.2, (count, SIGNAL_COUNT))
+    past = RememberedSamples(
+        time, draws.standard_normal(axes), np.ones(axes), signals, np.full((count, 3), 0.1), 0.1 * ones
+    )
+    change_model(estimator, with_terms(aircraft, {"CZ": _WARMING}, {}), past)
+    estimator.push_states(level_flight(aircraft, 2.0))
+    estimator.flush()
 
 
 # -- one axis -----------------------------------------------------------------------------------------------------

@@ -14,6 +14,7 @@ from aircraft_sysid_msgs.srv import LoadModel, Reset, SaveModel
 
 from aircraft_sysid_ros.aircraft.configuration import Aircraft, with_prior
 from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.identification import model_change
 from aircraft_sysid_ros.identification.identifier import Identifier
 from aircraft_sysid_ros.identification.learning import STALE
 from aircraft_sysid_ros.identification.model_file import in_folder, load_model, save_model
@@ -90,6 +91,7 @@ class ParameterEstimatorNode(EstimatorNode):
         self.received = dict.fromkeys(INPUTS + more, 0)
         estimator = Identifier(with_prior(aircraft, values["prior"], values["airframe"]), options)
         estimator.warm_up()
+        model_change.warm_up(aircraft, options)
         self.model_services.configure(options_from(DiagnosisOptions, values))
         return estimator
 

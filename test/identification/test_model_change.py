@@ -2,10 +2,13 @@
 
 import copy
 import functools
+import subprocess
+import sys
 
 import numpy as np
 import pytest
 from aircraft_files import of_shape
+from waiting import LONGEST
 
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.estimation.recursive_least_squares import rls_update
@@ -509,3 +512,37 @@ def test_a_run_with_a_change_is_one_of_its_last_model(aircraft, tmp_path):
     names = run.aircraft.model.parameter_names
     alpha, cubed = run.terms[:, names.index("CZ_alpha")], run.terms[:, names.index("CZ_alpha3")]
     assert cubed == pytest.approx(alpha**3, abs=1e-9)
+
+
+def test_nothing_is_compiled_in_flight_when_the_model_is_changed():
+    """The first term with memory held up a node for five seconds, and samples were lost."""
+    script = """
+import gc
+import numpy as np
+from numba.core.dispatcher import Dispatcher
+from aircraft_sysid_ros.identification import model_change
+from aircraft_sysid_ros.identification.flight_memory import SampleMemory
+from aircraft_sysid_ros.identification.options import ParameterOptions
+from aircraft_sysid_ros.pipeline import Pipeline
+from aircraft_sysid_ros.simulation.simulated_flight import default_aircraft, simulate_samples
+
+def compiled():
+    every = [each for each in gc.get_objects() if isinstance(each, Dispatcher)]
+    return {(each.py_func.__module__, each.py_func.__name__, s) for each in every for s in each.signatures}
+
+flight = simulate_samples(default_aircraft(), 3, 30.0, manoeuvres="varied")
+pipeline, memory, half = Pipeline(flight.aircraft), SampleMemory(), len(flight.samples) // 2
+pipeline.warm_up()
+model_change.warm_up(flight.aircraft, ParameterOptions())
+memory.add(pipeline.push(flight.samples[:half])[1], np.zeros(3), 0.1)
+before = compiled()
+for added in ({"CZ": ("alpha**3",)}, {"CZ": ("lag(alpha, 0.2)",)}, {"Cm": ("limited(da, 0.5)",)}):
+    aircraft = model_change.with_terms(pipeline.parameters.aircraft, added, {})
+    model_change.change_model(pipeline.parameters, aircraft, memory.newest())
+pipeline.push(flight.samples[half:])
+print(*sorted({(module, name) for module, name, _ in compiled() - before if "postfix" in module or "term" in module
+               or "model_change" in module or "coefficients" in module}))
+"""
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=LONGEST, check=False)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.strip() == ""
