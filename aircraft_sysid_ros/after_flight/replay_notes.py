@@ -24,6 +24,8 @@ from aircraft_sysid_ros.identification.identifier import Identifier
 from aircraft_sysid_ros.identification.trust import Trust
 from aircraft_sysid_ros.pipeline import Pipeline
 from aircraft_sysid_ros.reconstruction.absences import absences, of_manoeuvres
+from aircraft_sysid_ros.reconstruction.air_data_errors import NAMES as ERROR_NAMES
+from aircraft_sysid_ros.reconstruction.air_data_errors import UNKNOWN_STD
 from aircraft_sysid_ros.reconstruction.alignment import LARGEST_GAP
 from aircraft_sysid_ros.reconstruction.found_noise import found_noise, noise_notes
 from aircraft_sysid_ros.reconstruction.state_estimator import StateEstimator, nanoseconds
@@ -66,7 +68,7 @@ def notes(body: Body, pipeline: Pipeline, writer: RunWriter) -> list[str]:
         found += filter(None, [why_airspeed_too_slow(recording.samples)])
     found += estimator_notes(pipeline.parameters)
     found += bound_notes(aircraft) + segment_notes(body)
-    found += place_notes(aircraft, pipeline.state.options.air_data_errors)
+    found += place_notes(aircraft, pipeline.state.options.air_data_errors) + air_data_error_notes(pipeline.state)
     parameters = pipeline.parameters
     on_ground = parameters.learning.landing.words(parameters.stream.start_time or 0.0)
     found += landing_notes(body, aircraft, on_ground) + thrust_notes(recording.samples, aircraft)
@@ -286,6 +288,31 @@ def place_notes(aircraft: Aircraft, has_error_states: bool = False) -> list[str]
         found.append(
             "errors of the vanes and parameters beside them are those of vanes at the centre of gravity: ahead of it, "
             "as on a boom, they show scales and offsets that are none: write air_data_position into the aircraft file"
+        )
+    return found
+
+
+#: Errors of air data so many times larger than what is taken as usual are no errors of a sensor.
+_NO_ERROR = 3.0
+
+
+def air_data_error_notes(state: StateEstimator) -> list[str]:
+    """Where the errors of air data are estimated: what does not have them, and which of them cannot be."""
+    if not state.options.air_data_errors:
+        return []
+    found = [
+        "the errors of air data that were found are in states and parameters, and not in the samples that `compare`, "
+        "`diagnose` and `add` look at: `scale` and `offset` of a sensor in the aircraft file, or a calibration, take "
+        "them off there, too"
+    ]
+    usual = dict(zip(ERROR_NAMES, UNKNOWN_STD.tolist(), strict=True))
+    wild = {name: each for name, each in state.air_data_errors.items() if abs(each["value"]) > _NO_ERROR * usual[name]}
+    if wild:
+        listed = ", ".join(f"{name} = {each['value']:.3g} ± {each['std']:.2g}" for name, each in wild.items())
+        found.append(
+            f"{listed} is more than {_NO_ERROR:g} times what is usual, and no error of a sensor: gusts, which scales of "
+            "the angles are taken for, or a fault of another kind (`check`, `diagnose`); do not use what is found of air "
+            "data"
         )
     return found
 

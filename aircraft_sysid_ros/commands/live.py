@@ -17,6 +17,7 @@ from typing import Any
 from rich.progress import Progress
 
 from aircraft_sysid_ros.after_flight.replay_notes import (
+    air_data_error_notes,
     delay_notes,
     estimator_notes,
     flight_notes,
@@ -252,6 +253,7 @@ def _result(args: argparse.Namespace, state: Any, parameters: Any, writer: Any, 
             *(note for note in told if note),
             *estimator_notes(parameters.estimator),
             *rate_notes(parameters.estimator.stream),
+            *air_data_error_notes(state.estimator),
             *place_notes(parameters.estimator.aircraft, state.estimator.options.air_data_errors),
             *absences(state.estimator),
             *noise_notes(state.estimator),

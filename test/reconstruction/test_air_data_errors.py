@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from test_jacobians import aircraft, random_state, setup  # noqa: F401
 
+from aircraft_sysid_ros.after_flight.replay_notes import air_data_error_notes
 from aircraft_sysid_ros.aircraft.configuration import load_aircraft
 from aircraft_sysid_ros.aircraft.frames import air_data_from_velocity, rotation_matrix, velocity_from_air_data
 from aircraft_sysid_ros.config_files import DEFAULT_AIRCRAFT, config_path
@@ -223,3 +224,15 @@ def test_errors_outlast_a_gap(wrong):
 def test_without_the_option_there_are_none(wrong):
     estimator, _ = flown(wrong, until=4000)
     assert estimator.air_data_errors == {} and "air_data_errors" not in estimator.summary()
+
+
+def test_an_error_that_no_sensor_has_is_not_to_be_believed(aircraft):  # noqa: F811
+    """Gusts had been taken for a scale of the angle of attack of 1.86 ± 0.03, and nothing was said."""
+    assert air_data_error_notes(StateEstimator(aircraft)) == []
+    estimator = StateEstimator(aircraft, WITH_ERRORS)
+    estimator._x = np.concatenate([random_state(5, 0.1), ERRORS])
+    estimator._p = np.eye(ERROR_SIZE + COUNT)
+    assert len(air_data_error_notes(estimator)) == 1
+    estimator._x[STATE_SIZE + NAMES.index("lambda_alpha")] = 0.86
+    told = air_data_error_notes(estimator)[1]
+    assert told.startswith("lambda_alpha = 0.86 ") and "do not use" in told
