@@ -311,8 +311,8 @@ def air_data_error_notes(state: StateEstimator) -> list[str]:
         listed = ", ".join(f"{name} = {each['value']:.3g} ± {each['std']:.2g}" for name, each in wild.items())
         found.append(
             f"{listed} is more than {_NO_ERROR:g} times what is usual, and no error of a sensor: gusts, which scales "
-            "of the angles are taken for, or a fault of another kind (`check`, `diagnose`); do not use what is found of "
-            "air data"
+            "of the angles are taken for, or a fault of another kind (`check`, `diagnose`); do not use what is found "
+            "of air data"
         )
     return found
 
