@@ -22,6 +22,7 @@ A term that goes is set to zero as if measured without error, which is the exact
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -125,8 +126,11 @@ def _fading(estimator: Identifier, count: int) -> Array:
 
 
 def warm_up(aircraft: Aircraft, options: ParameterOptions) -> None:
-    """Compile (or load from the cache) before a flight what a change of its model needs, also for terms with memory."""
-    estimator, draws, count = Identifier(aircraft, options), np.random.default_rng(0), 400
+    """Compile (or load from the cache) before a flight what a change of its model needs, also for terms with memory.
+
+    With least squares, which alone has those; a model that takes no more terms needs nothing.
+    """
+    estimator, draws, count = Identifier(aircraft, replace(options, estimator="rls")), np.random.default_rng(0), 400
     estimator.push_states(level_flight(aircraft, 0.0))
     of_vanes = estimator.learning.least_squares.state.vane_covariance
     of_vanes[:] = 1e-6 * np.eye(of_vanes.shape[1])
@@ -135,9 +139,10 @@ def warm_up(aircraft: Aircraft, options: ParameterOptions) -> None:
     past = RememberedSamples(
         time, draws.standard_normal(axes), np.ones(axes), signals, np.full((count, 3), 0.1), 0.1 * ones
     )
-    change_model(estimator, with_terms(aircraft, {"CZ": _WARMING}, {}), past)
-    estimator.push_states(level_flight(aircraft, 2.0))
-    estimator.flush()
+    with suppress(InputError):
+        change_model(estimator, with_terms(aircraft, {"CZ": _WARMING}, {}), past)
+        estimator.push_states(level_flight(aircraft, 2.0))
+        estimator.flush()
 
 
 # -- one axis -----------------------------------------------------------------------------------------------------

@@ -9,7 +9,7 @@ from aircraft_sysid_ros.identification.coefficients.layout import CoefficientSam
 from aircraft_sysid_ros.identification.identifier import Identifier
 from aircraft_sysid_ros.pipeline import Pipeline
 from aircraft_sysid_ros.reconstruction.state_estimator import StateEstimator
-from aircraft_sysid_ros.samples import Kind, Samples
+from aircraft_sysid_ros.samples import Kind, Samples, flown_twice
 from aircraft_sysid_ros.simulation.simulated_flight import default_aircraft, simulate_samples
 
 DURATION, LEAP = 34.0, 20.0  # [s]
@@ -98,3 +98,14 @@ def test_a_late_sample_is_no_restart(flight) -> None:
         pipeline.parameters.learning.least_squares.state.updates,
         without.parameters.learning.least_squares.state.updates,
     )
+
+
+@pytest.mark.parametrize(("back", "twice"), [(3.0, 3.0), (20.0, DURATION - LEAP), (1000.0, 0.0), (-3600.0, 0.0)])
+def test_times_that_two_parts_of_a_flight_have_are_counted(flight, back, twice) -> None:
+    """Two flights of one recording that were by the same clock were mixed, and nothing was said."""
+    samples = leapt(flight[1], back)
+    assert flown_twice(samples) == pytest.approx(twice, abs=0.1)
+    stamp = samples.stamp.copy()
+    imu = np.flatnonzero(samples.kind == Kind.IMU)
+    stamp[imu[[500, 2500]]] += int(1e12)  # wrong stamps are no clock
+    assert flown_twice(Samples(stamp, samples.kind, samples.values)) == pytest.approx(twice, abs=0.1)

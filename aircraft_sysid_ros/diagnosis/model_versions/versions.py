@@ -54,7 +54,7 @@ from aircraft_sysid_ros.run_reader import (
     read_points,
     read_state,
 )
-from aircraft_sysid_ros.samples import Samples
+from aircraft_sysid_ros.samples import Samples, flown_twice
 from aircraft_sysid_ros.text_file import locked
 
 MODELS, CURRENT, VERSION = "models", "model.json", "version.json"
@@ -86,6 +86,9 @@ def change_from_json(content: Mapping[str, Any]) -> Change:
     )
     settings = tuple((tuple(map(str, s["key"])), float(s["value"])) for s in content["settings"])
     return Change(terms, without, settings)
+
+
+_MIXED = "parts have, too: they are mixed here, and errors are larger by that; record the parts apart, and replay both"
 
 
 @dataclass(frozen=True)
@@ -123,7 +126,11 @@ class Run:
     @property
     def notes(self) -> list[str]:
         """What every answer about the run says."""
-        return [] if self.samples is None else assumed_calm(self.samples, self.calm_air)
+        if self.samples is None:
+            return []
+        twice = flown_twice(self.samples)
+        mixed = [f"the clock went back, so that {twice:.0f} s of flight have times that other {_MIXED}"]
+        return assumed_calm(self.samples, self.calm_air) + (mixed if twice > 1.0 else [])
 
     def late_surfaces(self, aircraft: Aircraft) -> dict[str, tuple[float, float]]:
         """Delay or lag [s] of the surfaces that the flight has shown, each with one sigma, and that an aircraft file of
