@@ -154,6 +154,10 @@ class ParameterCheckpoint:
         return replace(self, describe=self.describe._replace(time=np.nan), carried=carried)
 
 
+#: Makes of a checkpoint one of another model.
+Carry = Callable[[ParameterCheckpoint], ParameterCheckpoint]
+
+
 class Checkpoints:
     """The checkpoints of the newest half minute, and per axis since when they are sound."""
 
@@ -189,7 +193,7 @@ class Checkpoints:
                 return kept
         return self._fallback[axis]
 
-    def go_on(self, before: Checkpoints, carry: Callable[[ParameterCheckpoint], ParameterCheckpoint]) -> None:
+    def go_on(self, before: Checkpoints, carry: Carry) -> None:
         """The newest of ``before``, and what each axis knew some time ago, as another model has them by ``carry``."""
         newest, now = before.newest(), -np.inf
         if newest is not None:

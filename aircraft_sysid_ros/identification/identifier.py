@@ -7,8 +7,6 @@ carries out.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 import numpy.typing as npt
 
@@ -18,7 +16,7 @@ from aircraft_sysid_ros.identification.coefficients.layout import CoefficientSam
 from aircraft_sysid_ros.identification.coefficients.stream import LARGEST_LEAP, CoefficientStream, one_clock
 from aircraft_sysid_ros.identification.estimators.contract import Estimator
 from aircraft_sysid_ros.identification.estimators.recursive_least_squares import RlsState
-from aircraft_sysid_ros.identification.history import ParameterCheckpoint
+from aircraft_sysid_ros.identification.history import Carry
 from aircraft_sysid_ros.identification.learning import STALE, Learning
 from aircraft_sysid_ros.identification.monitoring.error_window import AxisError, model_errors
 from aircraft_sysid_ros.identification.options import ParameterOptions, check_change
@@ -78,13 +76,7 @@ class Identifier:
         self.stream.change_options(options)
         self.learning.change_options(options)
 
-    def adopt(
-        self,
-        aircraft: Aircraft,
-        state: RlsState,
-        estimator: Estimator,
-        carry: Callable[[ParameterCheckpoint], ParameterCheckpoint],
-    ) -> None:
+    def adopt(self, aircraft: Aircraft, state: RlsState, estimator: Estimator, carry: Carry) -> None:
         """Go on with another model and what is known of it, see ``model_change``; ``carry`` what was known before."""
         self.aircraft = aircraft
         self.learning.adopt(aircraft, state, estimator, carry)

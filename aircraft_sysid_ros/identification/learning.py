@@ -25,7 +25,7 @@ from aircraft_sysid_ros.identification.estimators.recursive_least_squares import
     restore_axis,
 )
 from aircraft_sysid_ros.identification.health import HealthWatch
-from aircraft_sysid_ros.identification.history import ParameterCheckpoint, SampleHistory
+from aircraft_sysid_ros.identification.history import Carry, ParameterCheckpoint, SampleHistory
 from aircraft_sysid_ros.identification.landing import Known, Landing
 from aircraft_sysid_ros.identification.monitoring.covariance_reset import KNOWN, ChangeDetector
 from aircraft_sysid_ros.identification.monitoring.hold import Restore
@@ -148,13 +148,7 @@ class Learning:
         elif self.lends:
             self.estimator.keep_pace(self._pace)
 
-    def adopt(
-        self,
-        aircraft: Aircraft,
-        state: RlsState,
-        estimator: Estimator,
-        carry: Callable[[ParameterCheckpoint], ParameterCheckpoint],
-    ) -> None:
+    def adopt(self, aircraft: Aircraft, state: RlsState, estimator: Estimator, carry: Carry) -> None:
         """Go on with another model and what is known of it, see ``model_change``; ``carry`` what was known before."""
         self.least_squares.adopt(aircraft.model, state)
         if estimator is not self.estimator and estimator is not self.least_squares:

@@ -21,7 +21,7 @@ A term that goes is set to zero as if measured without error, which is the exact
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
 
@@ -40,7 +40,7 @@ from aircraft_sysid_ros.identification.coefficients.signals import sensor_noise,
 from aircraft_sysid_ros.identification.estimators.by_name import make_estimator
 from aircraft_sysid_ros.identification.estimators.recursive_least_squares import PRIOR_VARIANCE, RlsState
 from aircraft_sysid_ros.identification.flight_memory import RememberedSamples
-from aircraft_sysid_ros.identification.history import ParameterCheckpoint
+from aircraft_sysid_ros.identification.history import Carry, ParameterCheckpoint
 from aircraft_sysid_ros.identification.identifier import Identifier, level_flight
 from aircraft_sysid_ros.identification.options import ParameterOptions
 from aircraft_sysid_ros.identification.parameter_set import ParameterEstimate, ParameterSet
@@ -227,7 +227,7 @@ def reduced(theta: Array, p: Array, keep: npt.NDArray[np.bool_]) -> tuple[Array,
 # -- all that was learnt ------------------------------------------------------------------------------------------
 
 
-def _carried(estimator: Identifier, new: AerodynamicModel) -> Callable[[ParameterCheckpoint], ParameterCheckpoint]:
+def _carried(estimator: Identifier, new: AerodynamicModel) -> Carry:
     """What makes of a checkpoint one of the new model: terms that stay are as they were, of others nothing is known."""
     old, shapes = estimator.model, ((), (len(AXES),), (len(AXES),), (SIGNAL_COUNT,), (3,), ())
     nothing = RememberedSamples(*(np.empty((0, *shape)) for shape in shapes))

@@ -21,7 +21,7 @@ The monitor changes no estimator: it returns commands (``Restore``), and the fac
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from copy import copy
 from dataclasses import replace
 from typing import Any, NamedTuple
@@ -32,7 +32,7 @@ import numpy.typing as npt
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, AerodynamicModel
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
 from aircraft_sysid_ros.identification.coefficients.layout import CoefficientSample
-from aircraft_sysid_ros.identification.history import Checkpoints, ParameterCheckpoint, SampleHistory
+from aircraft_sysid_ros.identification.history import Carry, Checkpoints, ParameterCheckpoint, SampleHistory
 from aircraft_sysid_ros.identification.monitoring.coefficient_noise import CoefficientNoise
 from aircraft_sysid_ros.identification.monitoring.doubts import Doubts
 from aircraft_sysid_ros.identification.monitoring.error_watch import LAG, ErrorWatch
@@ -95,9 +95,7 @@ class IntegrityMonitor:
         self.count = 0  # how often axes were held
         self.restart()
 
-    def change_model(
-        self, aircraft: Aircraft, carry: Callable[[ParameterCheckpoint], ParameterCheckpoint] | None
-    ) -> None:
+    def change_model(self, aircraft: Aircraft, carry: Carry | None) -> None:
         """Go on with another model: what was known before is ``carry`` of it, and what is wrong with sensors still is.
 
         Without ``carry`` nothing was known before.
