@@ -38,9 +38,8 @@ from aircraft_sysid_ros.estimation.smoothing import smooth_series
 from aircraft_sysid_ros.flight_check import in_flight
 from aircraft_sysid_ros.flight_model.bank import filter_bank, simulation_bank
 from aircraft_sysid_ros.flight_model.layout import make_theta
-from aircraft_sysid_ros.identification.flight_memory import SampleMemory
+from aircraft_sysid_ros.identification import model_change
 from aircraft_sysid_ros.identification.identifier import Identifier
-from aircraft_sysid_ros.identification.model_change import change_model, with_terms
 from aircraft_sysid_ros.identification.monitoring.agreement import solved
 from aircraft_sysid_ros.identification.monitoring.range_agreement import RangeAgreement
 from aircraft_sysid_ros.identification.options import EstimatorName, ParameterOptions
@@ -73,8 +72,9 @@ def maximum_likelihood() -> None:
 
 
 def least_squares() -> None:
-    """Least squares in time and in frequency, and the correction of sensors."""
+    """Least squares in time and in frequency, a change of its model, and the correction of sensors."""
     _identifier("rls").warm_up()
+    model_change.warm_up(load_aircraft(config_path(DEFAULT_AIRCRAFT)), ParameterOptions())
     _identifier("fourier").warm_up()
     Correction(Calibration()).warm_up()
 
@@ -112,18 +112,14 @@ def checks() -> None:
 
 
 def whole_way() -> None:
-    """Record, read and replay for some seconds, with a model that changes, and with sensors that no file describes."""
+    """Record, read and replay for some seconds, also with sensors that no file describes."""
     aircraft = load_aircraft(config_path(DEFAULT_AIRCRAFT))
     with tempfile.TemporaryDirectory() as folder:
         write_flight(_flown(30.0), Path(folder) / "flight", overwrite=False)
         samples = read_recording(Path(folder) / "flight").samples
-    pipeline, memory, half = Pipeline(aircraft), SampleMemory(), len(samples) // 2
-    rows, points = pipeline.push(samples[:half])
+    pipeline, half = Pipeline(aircraft), len(samples) // 2
+    rows, _ = pipeline.push(samples)
     state_fields(rows)
-    memory.add(points, np.zeros(3), 0.1)
-    changed = with_terms(aircraft, {"CZ": ("alpha**2", "lag(alpha, 0.2)")}, {})
-    change_model(pipeline.parameters, changed, memory.newest())
-    pipeline.push(samples[half:])
     pipeline.flush()
     pipeline.parameters.snapshot()
     sensors_unknown = Pipeline(aircraft_from_dict({key: aircraft.source[key] for key in _SHAPE}))

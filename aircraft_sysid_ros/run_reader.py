@@ -68,9 +68,20 @@ def late_surfaces_of(folder: Path) -> dict[str, tuple[float, float]]:
     return {key: number for key, number in found.items() if _are_finite(*number)}
 
 
-def corrected_note(calibration: str | Path) -> str:
-    """For a run whose samples are corrected by the file of a calibration."""
-    return f"{CORRECTED}{calibration}: what is found from them now is what that has left, and comes on top of it"
+def corrected_notes(calibration: str | Path | None) -> list[str]:
+    """For a run whose samples are corrected by the file of a calibration, if they are."""
+    if not calibration:
+        return []
+    return [f"{CORRECTED}{calibration}: what is found from them now is what that has left, and comes on top of it"]
+
+
+def corrections_of(folder: Path) -> list[str]:
+    """What ``corrected_notes`` said of a run; nothing where state.json cannot be read, which is said of that file."""
+    try:
+        notes = read_state(folder).get("notes", ())
+    except UNREADABLE:
+        return []
+    return [note for note in notes if str(note).startswith(CORRECTED)]
 
 
 def read_state(folder: Path) -> dict[str, Any]:

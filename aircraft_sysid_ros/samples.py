@@ -91,22 +91,6 @@ class Samples:
         return Samples(self.stamp[index], self.kind[index], self.values[index])
 
 
-#: Stamps that step by more [s] begin another part, and one of fewer samples is wrong stamps.
-_STEP, _LEAST_PART = 1.0, 50
-
-
-def flown_twice(samples: Samples) -> float:
-    """Time [s] of samples, in the order in which they came, whose IMU stamps an earlier part by another clock has."""
-    stamps = samples.stamp[samples.kind == Kind.IMU].astype(np.float64) * 1e-9
-    parts = np.split(stamps, np.flatnonzero(np.abs(np.diff(stamps)) > _STEP) + 1)
-    spans = [(float(part.min()), float(part.max())) for part in parts if len(part) >= _LEAST_PART]
-    return sum(
-        max(min(end, last) - max(begin, first), 0.0)
-        for at, (begin, end) in enumerate(spans)
-        for first, last in spans[:at]
-    )
-
-
 def samples_of(kind: Kind, stamp: npt.ArrayLike, *columns: npt.ArrayLike | npt.NDArray[np.float64]) -> Samples:
     """Samples of one kind from stamps [ns] (n,) and columns, each (n,) or (n, k); the rest is NaN."""
     stamps = np.atleast_1d(np.asarray(stamp, dtype=np.int64))

@@ -34,7 +34,7 @@ from aircraft_sysid_ros.reconstruction.state_estimator import warm_up
 from aircraft_sysid_ros.recordings.manoeuvres import read_body
 from aircraft_sysid_ros.recordings.message_types import known_types
 from aircraft_sysid_ros.recordings.reader import Recording
-from aircraft_sysid_ros.run_reader import corrected_note
+from aircraft_sysid_ros.run_reader import corrected_notes
 from aircraft_sysid_ros.run_writer import RunWriter
 from aircraft_sysid_ros.samples import SAME_FLIGHT, Kind, Samples
 from aircraft_sysid_ros.text_file import write_new, write_whole
@@ -119,13 +119,12 @@ def _flown(
         if not options.as_live and pipeline.check.vane_place is not None:
             return pipeline, None
         told, unused = notes(body, pipeline, writer), manoeuvre_notes(body, pipeline, writer)
-        corrected = [corrected_note(options.calibration)] if options.calibration else []
         result = writer.finish(
             pipeline.state,
             pipeline.parameters,
             pipeline.state.flight_time,
             started,
-            (*recording.notes, *unused, *corrected),
+            (*recording.notes, *unused, *corrected_notes(options.calibration)),
             [manoeuvre.json for manoeuvre in body.manoeuvres],
         )
     findings = [record for finding in sensor_findings(pipeline) for record in finding.records]

@@ -8,6 +8,7 @@ import numpy as np
 
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
 from aircraft_sysid_ros.aircraft.sensor_settings import CONTROLS
+from aircraft_sysid_ros.aircraft.unsaid_places import unsaid_keys
 from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS
 from aircraft_sysid_ros.flight_check.finding import ERROR, WARNING, Finding
 from aircraft_sysid_ros.flight_check.signals import NAMES
@@ -24,8 +25,7 @@ from aircraft_sysid_ros.identification.identifier import Identifier
 from aircraft_sysid_ros.identification.trust import Trust
 from aircraft_sysid_ros.pipeline import Pipeline
 from aircraft_sysid_ros.reconstruction.absences import absences, of_manoeuvres
-from aircraft_sysid_ros.reconstruction.air_data_errors import NAMES as ERROR_NAMES
-from aircraft_sysid_ros.reconstruction.air_data_errors import UNKNOWN_STD
+from aircraft_sysid_ros.reconstruction.air_data_errors import UNKNOWN_STD_OF
 from aircraft_sysid_ros.reconstruction.alignment import LARGEST_GAP
 from aircraft_sysid_ros.reconstruction.found_noise import found_noise, noise_notes
 from aircraft_sysid_ros.reconstruction.state_estimator import StateEstimator, nanoseconds
@@ -277,7 +277,7 @@ def place_notes(aircraft: Aircraft, has_error_states: bool = False) -> list[str]
     """Places of sensors that the aircraft file does not say, and what that costs; ``has_error_states``: what vanes show
     too much is estimated.
     """
-    unsaid = sorted({key for key, _ in aircraft.unsaid}, reverse=True)
+    unsaid = unsaid_keys(aircraft)
     if not unsaid:
         return []
     found = [
@@ -305,8 +305,8 @@ def air_data_error_notes(state: StateEstimator) -> list[str]:
         "`diagnose` and `add` look at: `scale` and `offset` of a sensor in the aircraft file, or a calibration, take "
         "them off there, too"
     ]
-    usual = dict(zip(ERROR_NAMES, UNKNOWN_STD.tolist(), strict=True))
-    wild = {name: each for name, each in state.air_data_errors.items() if abs(each["value"]) > _NO_ERROR * usual[name]}
+    errors = state.air_data_errors.items()
+    wild = {name: each for name, each in errors if abs(each["value"]) > _NO_ERROR * UNKNOWN_STD_OF[name]}
     if wild:
         listed = ", ".join(f"{name} = {each['value']:.3g} ± {each['std']:.2g}" for name, each in wild.items())
         found.append(

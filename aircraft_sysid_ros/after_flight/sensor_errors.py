@@ -16,7 +16,7 @@ import numpy as np
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
 from aircraft_sysid_ros.diagnosis.flight.reconstruction import as_flown
 from aircraft_sysid_ros.reconstruction.absences import has_airspeed
-from aircraft_sysid_ros.reconstruction.air_data_errors import NAMES, UNKNOWN_STD
+from aircraft_sysid_ros.reconstruction.air_data_errors import UNKNOWN_STD_OF
 from aircraft_sysid_ros.reconstruction.alignment import ACCELEROMETER_BIAS_STD, GYRO_BIAS_STD
 from aircraft_sysid_ros.reconstruction.options import StateOptions
 from aircraft_sysid_ros.reconstruction.state_estimator import StateEstimator
@@ -32,7 +32,6 @@ _AIR_DATA = {
     "beta": ("sideslip", Kind.SIDESLIP),
 }
 _IMU = {"accelerometer_bias": ACCELEROMETER_BIAS_STD, "gyro_bias": GYRO_BIAS_STD}
-_BEFORE = dict(zip(NAMES, UNKNOWN_STD.tolist(), strict=True))
 Row = dict[str, Any]
 
 
@@ -71,11 +70,11 @@ def _of_air_data(known: Mapping[str, Mapping[str, float]], samples: Samples, cal
             continue
         scale = known[f"lambda_{name}"]
         gain = 1.0 / (1.0 + scale["value"])  # y_true = (1 + lambda) y + b
-        is_told = scale["std"] < LEARNT * _BEFORE[f"lambda_{name}"]
+        is_told = scale["std"] < LEARNT * UNKNOWN_STD_OF[f"lambda_{name}"]
         yield _row(f"{sensor}.scale", gain, scale["std"] * gain**2, is_told and calm)
         if name != "V":
             offset, std = offset_of(known, samples, name, kind)
-            yield _row(f"{sensor}.offset", -offset, std, std < LEARNT * _BEFORE[f"b_{name}"])
+            yield _row(f"{sensor}.offset", -offset, std, std < LEARNT * UNKNOWN_STD_OF[f"b_{name}"])
 
 
 def _of_imu(state: Mapping[str, Any]) -> Iterator[Row]:

@@ -16,6 +16,11 @@ PLACE = np.full(3, 0.03)
 VANE_PLACE = np.array([0.25, 0.05, 0.03])
 
 
+def unsaid_keys(aircraft: Aircraft) -> list[str]:
+    """Keys of the aircraft file for places of sensors that it leaves out, or a part of."""
+    return sorted({key for key, _ in aircraft.unsaid}, reverse=True)
+
+
 def doubt_of_imu(aircraft: Aircraft) -> Vector:
     """One sigma (3,) [m] of the position of the IMU, 0 of what is said."""
     return _doubt(aircraft, "imu_position", PLACE)

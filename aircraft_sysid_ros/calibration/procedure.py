@@ -136,8 +136,8 @@ class Answer:
         for i, name in enumerate(self.problem.names):
             if name in names:
                 there = bool(self.determined[i])
-                reason = "" if there else f"not excited, taken as {self.xi[i]:.4g}: fly {excited_by[name]}"
-                reason = self.refused.get(name, reason)
+                unknown = "" if there else f"not excited, taken as {self.xi[i]:.4g}: fly {excited_by[name]}"
+                reason = self.refused.get(name, unknown)
                 if there and self.at_bound[i]:
                     reason = "at its bound: the standard error means nothing"
                 rows.append({

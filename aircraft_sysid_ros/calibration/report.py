@@ -12,7 +12,9 @@ import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
+from aircraft_sysid_ros.aircraft.unsaid_places import unsaid_keys
 from aircraft_sysid_ros.calibration import compatibility, filter_start, five_hole_probe, magnetometer, probe_models
+from aircraft_sysid_ros.calibration.calibration_file import AIR_DATA_ERRORS
 from aircraft_sysid_ros.calibration.navigation import Navigation
 from aircraft_sysid_ros.calibration.procedure import Answer, residuals, solve
 from aircraft_sysid_ros.calibration.segments import LEAST_TURN, Segments, turned_through
@@ -33,7 +35,6 @@ _OF_ONE_SENSOR = (
     ("lambda_alpha", "b_alpha", "kappa_alpha"),
     ("lambda_beta", "b_beta", "kappa_beta"),
 )
-_AIR_DATA = sum(_OF_ONE_SENSOR, ())
 
 
 @dataclass(frozen=True)
@@ -221,7 +222,7 @@ def calibrate_compatibility(recording: Samples, aircraft: Aircraft, span: Span =
     answer, _ = flight.solve(**options)
     left = np.sqrt(answer.noise[:3])
     is_steady = not np.any(left > compatibility.STEADY)
-    gusts = {} if is_steady else dict.fromkeys(_AIR_DATA, "in a wind that was not steady")
+    gusts = {} if is_steady else dict.fromkeys(AIR_DATA_ERRORS, "in a wind that was not steady")
     answer = answer.without({**_at_bounds(answer), **gusts})
     parameters = answer.parameters(answer.problem.names, compatibility.UNITS, compatibility.EXCITED_BY)
     names = (*compatibility.NAMES1, *compatibility.NAMES2)
@@ -275,7 +276,7 @@ def _doubts(answer: Answer) -> list[str]:
 
 def _place_note(aircraft: Aircraft) -> list[str]:
     """The arm of the probe is taken as known, also where nobody knows it."""
-    unsaid = sorted({key for key, _ in aircraft.unsaid}, reverse=True)
+    unsaid = unsaid_keys(aircraft)
     if not unsaid:
         return []
     return [

@@ -39,7 +39,7 @@ from aircraft_sysid_ros.nodes.inputs import drain, lost_in_words
 from aircraft_sysid_ros.reconstruction.absences import absences
 from aircraft_sysid_ros.reconstruction.found_noise import noise_notes
 from aircraft_sysid_ros.reconstruction.options import StateOptions
-from aircraft_sysid_ros.run_reader import corrected_note
+from aircraft_sysid_ros.run_reader import corrected_notes
 from aircraft_sysid_ros.run_writer import RunWriter, state_json
 
 #: Why a node of ``live`` cannot be cleaned up from outside.
@@ -272,6 +272,6 @@ def _result(args: argparse.Namespace, state: Any, parameters: Any, writer: Any, 
             "state": {**state_json(state.estimator), **timing},
             "parameters": parameters_json(parameters.estimator),
         }
-    kept = [note for note in told if note] + ([corrected_note(args.calibration)] if args.calibration else [])
+    kept = [*(note for note in told if note), *corrected_notes(args.calibration)]
     written = writer.finish(state.estimator, parameters.estimator, flight_time, started, kept)
     return {**result, "run": str(args.out), **written}

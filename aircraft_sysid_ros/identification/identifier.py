@@ -13,7 +13,12 @@ import numpy.typing as npt
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AerodynamicModel
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
 from aircraft_sysid_ros.identification.coefficients.layout import CoefficientSample
-from aircraft_sysid_ros.identification.coefficients.stream import LARGEST_LEAP, CoefficientStream, one_clock
+from aircraft_sysid_ros.identification.coefficients.stream import (
+    LARGEST_LEAP,
+    CoefficientStream,
+    is_another_clock,
+    one_clock,
+)
 from aircraft_sysid_ros.identification.estimators.contract import Estimator
 from aircraft_sysid_ros.identification.estimators.recursive_least_squares import RlsState
 from aircraft_sysid_ros.identification.history import Carry
@@ -126,7 +131,7 @@ class Identifier:
         if self.stream.has_passed(float(times[0])):
             return 1
         steps = np.diff(times, prepend=times[0] - 1.0)
-        brings = (times >= min(self.stream.next_sample, stale)) | (steps <= 0.0) | (steps > LARGEST_LEAP)
+        brings = (times >= min(self.stream.next_sample, stale)) | is_another_clock(steps)
         return int(np.argmax(brings)) + 1 if brings.any() else len(times)
 
     def push_states(self, rows: Array, epoch: int | None = None) -> Array:

@@ -331,8 +331,7 @@ class Learning:
             self.known.begin(self.estimator.known())
 
     def take(self, learnt: Mapping[str, Array], sensors: Mapping[str, Array]) -> None:
-        """Begin anew, and go on from arrays of an ``RlsState`` and of ``UndescribedSensors.sums`` of another time."""
-        self.reset()
+        """Where nothing is learnt: arrays of an ``RlsState`` and of ``UndescribedSensors.sums`` of another time."""
         for name, array in learnt.items():
             getattr(self.least_squares.state, name)[:] = array
         self.undescribed.go_on(sensors)

@@ -90,7 +90,6 @@ class EstimatorNode(ConfigurableNode, ABC):
         self.noted: list[str] = []  # what was changed or forgotten in this flight, and when
         self._shared: dict[str, int] = {}  # topics that several programs published on, and how many
         self._is_shared = False  # just now
-        self._turns: dict[str, int] = {}  # of them, at the last look
         self._said = ""  # what was wrong at the last look, without numbers
         self._lost: dict[str, int] = {}  # before the newest activation
         self._told: dict[str, int] = {}  # of what was lost, at the last look
@@ -141,6 +140,7 @@ class EstimatorNode(ConfigurableNode, ABC):
             self.correction.warm_up()
         self.get_logger().info("preparing; the first start compiles, up to a minute")
         self._lost.clear()
+        self._told.clear()
         self._shared.clear()
         self.noted.clear()
         self.estimator = self.make_estimator(aircraft, values)
@@ -150,7 +150,6 @@ class EstimatorNode(ConfigurableNode, ABC):
     def activate(self) -> None:
         """Listen."""
         self._process_times = common.process_times()
-        self._turns.clear()
         quality = self._input_quality()
         topics = topics_of(self.estimator.aircraft.inputs)
         for topic in self.received:
@@ -198,7 +197,7 @@ class EstimatorNode(ConfigurableNode, ABC):
     def hear(self, kind: Any, topic: str, receive: Callable[[Any], None], quality: Any) -> None:
         """An input that lives while the node is active."""
         take = partial(self._survive, receive)
-        self.inputs.append(Input(self, kind, topic, take, quality, self._all_inputs, self._take_turns))
+        self.inputs.append(Input(self, kind, topic, take, quality, self._all_inputs, self._serve_all))
 
     def note_call(self, service: str, what: str) -> None:
         """A service changed what is estimated: for the log, and for the notes of the run."""
@@ -251,7 +250,7 @@ class EstimatorNode(ConfigurableNode, ABC):
     def _all_inputs(self) -> list[Input]:
         return [heard for node in self.together for heard in node.inputs]
 
-    def _take_turns(self) -> None:
+    def _serve_all(self) -> None:
         for node in self.together:
             common.serve(node)
 
@@ -277,7 +276,7 @@ class EstimatorNode(ConfigurableNode, ABC):
         self._look_for_others()
         problem, values = self.condition()
         lost = self.lost
-        new = {topic: count - self._told.get(topic, 0) for topic, count in lost.items()}
+        new = {topic: more for topic, count in lost.items() if (more := count - self._told.get(topic, 0))}
         self._told = lost
         problems = (self.shared_in_words if self._is_shared else "", lost_in_words(new), problem)
         problem = "; ".join(filter(None, problems))
@@ -292,12 +291,9 @@ class EstimatorNode(ConfigurableNode, ABC):
         """Who else publishes what this node hears; one that was killed is listed for 20 s more, and sends nothing."""
         self._is_shared = False
         for heard in self.inputs:
-            topic, turns = heard.subscription.topic_name, heard.turns
-            count = self.count_publishers(heard.topic)
-            if count > 1 and turns > self._turns.get(topic, 0):
-                self._is_shared = True
+            if heard.take_turns() and (count := self.count_publishers(heard.topic)) > 1:
+                topic, self._is_shared = heard.subscription.topic_name, True
                 self._shared[topic] = max(count, self._shared.get(topic, 0))
-            self._turns[topic] = turns
 
     def _log(self, problem: str) -> None:
         """Say on the terminal what has begun to be wrong, and that it is over."""

@@ -84,10 +84,10 @@ class Input:
         """Messages that were sent and did not come."""
         return self._numbers.missing
 
-    @property
-    def turns(self) -> int:
-        """Messages between which another publisher sent one."""
-        return self._numbers.turns
+    def take_turns(self) -> int:
+        """Messages, since this was last asked, between which another publisher sent one."""
+        turns, self._numbers.turns = self._numbers.turns, 0
+        return turns
 
     def waiting(self, now: int) -> Iterator[tuple[int, Callable[[], None]]]:
         """What had come by ``now`` [ns] and was not received yet: when it was sent [ns], and what receives it."""
@@ -117,10 +117,9 @@ class Input:
         """The executor gives a message: first what came before it, where the process is behind."""
         if self._is_closed:  # the executor had it in hand
             return
-        came = info["received_timestamp"]  # 0: the middleware does not say
-        if came and time.time_ns() - came > _BEHIND:
+        came, now = info["received_timestamp"], time.time_ns()  # 0: the middleware does not say
+        if came and now - came > _BEHIND:
             self._next = message, info
-            now = time.time_ns()
             while _catch_up(self._beside() or (() if self._is_closed else (self,)), now):
                 self._others()
             self._others()
@@ -181,7 +180,7 @@ def drain(inputs: Iterable[Input], tell: Callable[[int], None] = lambda left: No
 
 def lost_in_words(lost: Mapping[str, int]) -> str:
     """How many messages were lost on the way, by topic; empty if none."""
-    listed = ", ".join(f"{count} of {topic}" for topic, count in sorted(lost.items()) if count > 0)
-    if not listed:
+    if not lost:
         return ""
+    listed = ", ".join(f"{count} of {topic}" for topic, count in sorted(lost.items()))
     return f"messages were lost on the way: {listed}"

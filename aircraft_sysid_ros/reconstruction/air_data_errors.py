@@ -42,6 +42,7 @@ NAMES = ("lambda_V", "b_V", "lambda_alpha", "b_alpha", "lambda_beta", "b_beta")
 COUNT = len(NAMES)
 #: One sigma of sensors that nobody calibrated: scales, [m/s], [rad].
 UNKNOWN_STD = np.array([0.2, 1.0, 0.2, 0.05, 0.2, 0.05])
+UNKNOWN_STD_OF = dict(zip(NAMES, UNKNOWN_STD.tolist(), strict=True))
 #: First of the two errors of a kind of air data.
 FIRST = {Kind.AIRSPEED: 0, Kind.ANGLE_OF_ATTACK: 2, Kind.SIDESLIP: 4}
 _SLOWEST = 1.0  # [m/s]

@@ -25,6 +25,8 @@ _CONFIRMATION = 1 * NANOSECONDS
 _FUTURE = 30 * NANOSECONDS
 _MOST_HELD = 200_000
 _NEVER = 1 << 62
+#: Stamps that step by more [s] begin another part, and one of fewer samples is wrong stamps.
+_STEP, _LEAST_PART = 1.0, 50
 
 
 @dataclass
@@ -172,3 +174,15 @@ class TimeOrder:
         stamps = np.where(samples.kind == Kind.IMU, samples.stamp, lowest)
         before = np.concatenate([[lowest if self._clock is None else self._clock], stamps[:-1]])
         return np.asarray(np.maximum.accumulate(before))
+
+
+def flown_twice(samples: Samples) -> float:
+    """Time [s] of samples, in the order in which they came, whose IMU stamps an earlier part by another clock has."""
+    stamps = samples.stamp[samples.kind == Kind.IMU].astype(np.float64) * 1e-9
+    parts = np.split(stamps, np.flatnonzero(np.abs(np.diff(stamps)) > _STEP) + 1)
+    spans = [(float(part.min()), float(part.max())) for part in parts if len(part) >= _LEAST_PART]
+    return sum(
+        max(min(end, last) - max(begin, first), 0.0)
+        for at, (begin, end) in enumerate(spans)
+        for first, last in spans[:at]
+    )

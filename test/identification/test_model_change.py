@@ -307,13 +307,19 @@ def test_what_is_held_is_saved_as_it_was_before(of_servos, tmp_path):
     assert loaded.updates[5] == 0 and not loaded.theta[5].any()
 
 
-def test_what_was_loaded_is_published_while_a_sensor_is_wrong_from_the_start(of_servos, tmp_path):
-    """Nothing was."""
+def loaded_in_flight(of_servos, tmp_path):
+    """The flight, and an estimator that has flown 5 s of it and then loaded what the other one had learnt."""
     flown, saved, _ = of_servos
     save_model(saved, tmp_path / "model.json")
     estimator = flown.estimator(of_shape(flown.aircraft))
     flown.fly(estimator, 0.0, 5.0)
     load_model(estimator, tmp_path / "model.json")
+    return flown, estimator
+
+
+def test_what_was_loaded_is_published_while_a_sensor_is_wrong_from_the_start(of_servos, tmp_path):
+    """Nothing was."""
+    flown, estimator = loaded_in_flight(of_servos, tmp_path)
     loaded = estimator.estimates().parameters
     flown.fly(estimator, 5.0, 7.0)
     estimator.learning.integrity._distrust(estimator.time, [Sign("air data")], sure=True)
@@ -325,11 +331,7 @@ def test_what_was_loaded_is_published_while_a_sensor_is_wrong_from_the_start(of_
 
 def test_what_another_flight_has_learnt_waits_until_the_sensors_of_this_one_have_shown_themselves(of_servos, tmp_path):
     """It was published as least squares has it, with USE."""
-    flown, saved, _ = of_servos
-    save_model(saved, tmp_path / "model.json")
-    estimator = flown.estimator(of_shape(flown.aircraft))
-    flown.fly(estimator, 0.0, 5.0)
-    load_model(estimator, tmp_path / "model.json")
+    flown, estimator = loaded_in_flight(of_servos, tmp_path)
     assert in_use(estimator) == {}
     for second in range(5, 30):
         flown.fly(estimator, second, second + 1)

@@ -10,6 +10,7 @@ from test_live_equals_replay import check_same
 from aircraft_sysid_ros.after_flight.calibrate import _flight
 from aircraft_sysid_ros.commands.main import main
 from aircraft_sysid_ros.config_files import config_path
+from aircraft_sysid_ros.run_reader import corrections_of
 from aircraft_sysid_ros.simulation.calibration_flight import CALIBRATION_AIRCRAFT, calibration_flight
 from aircraft_sysid_ros.simulation.truth_files import write_flight
 
@@ -53,6 +54,8 @@ def test_who_calibrates_a_run_that_was_corrected_is_told(flown, tmp_path):
     assert "comes on top of it" in told
     assert _flight(str(tmp_path / "right"), ())[1] == [told]
     assert _flight(str(flown[0] / "flight"), ())[1] == []
+    (tmp_path / "right" / "state.json").write_text("{")  # a damaged file is said where it is needed
+    assert corrections_of(tmp_path / "right") == []
 
 
 @pytest.mark.long

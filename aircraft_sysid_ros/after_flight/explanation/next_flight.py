@@ -9,6 +9,7 @@ import numpy as np
 
 from aircraft_sysid_ros.after_flight.explanation.aeroplane import KnownMode, Learnt
 from aircraft_sysid_ros.aircraft.signals import CONTROL_WORDS
+from aircraft_sysid_ros.aircraft.unsaid_places import unsaid_keys
 from aircraft_sysid_ros.effects import BY_ID
 from aircraft_sysid_ros.effects.effect import MEASUREMENT
 from aircraft_sysid_ros.flight_check.finding import ABSENT, ERROR, INFO
@@ -95,7 +96,7 @@ def _for_parameters(
             yield f"Mend that first, and explain this log again: {held}, and no manoeuvre shows more until then."
             unknown = [name for name in unknown if held not in learnt.unknown[name]]
         if unknown and learnt.aircraft.unsaid:
-            keys = listed(sorted({key for key, _ in learnt.aircraft.unsaid}, reverse=True))
+            keys = listed(unsaid_keys(learnt.aircraft))
             yield f"Measure where the sensors are and write {keys} into the aircraft file: errors are wider for it."
         listed_programs = [p for of_axis in learnt.model.programs for p in of_axis]
         programs = dict(zip(learnt.model.parameter_names, listed_programs, strict=True))

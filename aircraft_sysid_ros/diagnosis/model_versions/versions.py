@@ -41,6 +41,7 @@ from aircraft_sysid_ros.json_text import json_text
 from aircraft_sysid_ros.pipeline import Pipeline
 from aircraft_sysid_ros.reconstruction.absences import assumed_calm
 from aircraft_sysid_ros.reconstruction.options import StateOptions
+from aircraft_sysid_ros.reconstruction.ordering import flown_twice
 from aircraft_sysid_ros.reconstruction.state_estimator import nanoseconds
 from aircraft_sysid_ros.refinement.run_data import RunData, load_run, load_run_aircraft
 from aircraft_sysid_ros.run_reader import (
@@ -54,7 +55,7 @@ from aircraft_sysid_ros.run_reader import (
     read_points,
     read_state,
 )
-from aircraft_sysid_ros.samples import Samples, flown_twice
+from aircraft_sysid_ros.samples import Samples
 from aircraft_sysid_ros.text_file import locked
 
 MODELS, CURRENT, VERSION = "models", "model.json", "version.json"
@@ -86,9 +87,6 @@ def change_from_json(content: Mapping[str, Any]) -> Change:
     )
     settings = tuple((tuple(map(str, s["key"])), float(s["value"])) for s in content["settings"])
     return Change(terms, without, settings)
-
-
-_MIXED = "parts have, too: they are mixed here, and errors are larger by that; record the parts apart, and replay both"
 
 
 @dataclass(frozen=True)
@@ -128,9 +126,13 @@ class Run:
         """What every answer about the run says."""
         if self.samples is None:
             return []
-        twice = flown_twice(self.samples)
-        mixed = [f"the clock went back, so that {twice:.0f} s of flight have times that other {_MIXED}"]
-        return assumed_calm(self.samples, self.calm_air) + (mixed if twice > 1.0 else [])
+        notes = assumed_calm(self.samples, self.calm_air)
+        if (twice := flown_twice(self.samples)) > 1.0:
+            notes.append(
+                f"the clock went back, so that {twice:.0f} s of flight have times that other parts have, too: they are "
+                "mixed here, and errors are larger by that; record the parts apart, and replay both"
+            )
+        return notes
 
     def late_surfaces(self, aircraft: Aircraft) -> dict[str, tuple[float, float]]:
         """Delay or lag [s] of the surfaces that the flight has shown, each with one sigma, and that an aircraft file of

@@ -70,13 +70,14 @@ class ControlHistory:
         self._misread: dict[int, float] = {}  # columns of controls whose unit is another one, since when [s]
         self._behind: dict[Kind, deque[tuple[float, Array]]] = {}
         self._series: dict[Kind, tuple[Array, Array]] = {}
-        self.used_until = np.inf
+        self.used_until = -np.inf
         self.restart_clock()
 
     def restart_clock(self) -> None:
         """The clock began anew. Samples by the new clock that were late or far ahead by the old one are taken now."""
         behind = self._behind
-        ahead = {kind: _after(series, self.used_until + _FAR_AHEAD) for kind, series in self._series.items()}
+        known = self.used_until if np.isfinite(self.used_until) else np.inf  # before any was used nothing is far ahead
+        ahead = {kind: _after(series, known + _FAR_AHEAD) for kind, series in self._series.items()}
         self._series = {
             Kind.CONTROLS: (np.empty(0), np.empty((0, CONTROL_COUNT))),
             Kind.INPUTS: (np.empty(0), np.empty((0, MOST_INPUTS))),

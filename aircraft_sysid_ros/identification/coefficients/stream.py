@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -133,7 +134,7 @@ class CoefficientStream:
 
     def has_passed(self, time: float) -> bool:
         """Whether a state of this time [s] cannot follow those that have come: its clock is another one."""
-        return self._newest is not None and not 0.0 < time - self._newest <= LARGEST_LEAP
+        return self._newest is not None and bool(is_another_clock(time - self._newest))
 
     @property
     def flown(self) -> float:
@@ -217,13 +218,17 @@ class CoefficientStream:
         )
 
 
+def is_another_clock(steps: Any, largest_leap: float = LARGEST_LEAP) -> Any:
+    """Where a step [s] between states, or each of an array of them, is none that one clock makes."""
+    return (steps <= 0.0) | (steps > largest_leap)
+
+
 def one_clock(rows: Array, largest_leap: float = np.inf) -> list[Array]:
     """States (n, StateField.WIDTH) in parts, each in order of time: between them the clock began anew.
 
     So it did where they leap ahead by more than ``largest_leap`` [s].
     """
-    steps = np.diff(rows[:, StateField.TIME])
-    return np.split(rows, np.flatnonzero((steps <= 0.0) | (steps > largest_leap)) + 1)
+    return np.split(rows, np.flatnonzero(is_another_clock(np.diff(rows[:, StateField.TIME]), largest_leap)) + 1)
 
 
 def coefficient_samples(
