@@ -32,7 +32,8 @@ DIAGNOSIS = "diagnosis.json"
 #: What ``calibrate`` writes into its folder.
 CALIBRATION, RESULT = "calibration.yaml", "result.json"
 #: Begin of the note of a run whose samples a calibration has corrected.
-CORRECTED = "its samples are corrected by the calibration "
+#: Key of state.json.
+CORRECTED_BY = "corrected_by"
 #: Arrays of points.npz, besides the stamps, that a run is read with.
 _OF_POINTS = ("measured", "valid", "terms", "signals", "signal_names")
 #: What the readers below raise where a file is not there, cannot be read, or is not what it should be.
@@ -68,20 +69,18 @@ def late_surfaces_of(folder: Path) -> dict[str, tuple[float, float]]:
     return {key: number for key, number in found.items() if _are_finite(*number)}
 
 
-def corrected_notes(calibration: str | Path | None) -> list[str]:
-    """For a run whose samples are corrected by the file of a calibration, if they are."""
-    if not calibration:
-        return []
-    return [f"{CORRECTED}{calibration}: what is found from them now is what that has left, and comes on top of it"]
+def corrected_note(calibration: str) -> str:
+    """For a run whose samples are corrected by the file of a calibration."""
+    return (f"its samples are corrected by the calibration {calibration}: what is found from them now is what that has "
+            "left, and comes on top of it")  # fmt: skip
 
 
-def corrections_of(folder: Path) -> list[str]:
-    """What ``corrected_notes`` said of a run; nothing where state.json cannot be read, which is said of that file."""
+def correction_of(folder: Path) -> str:
+    """The file of the calibration that the samples of a run are corrected by; empty where state.json names none."""
     try:
-        notes = read_state(folder).get("notes", ())
-    except UNREADABLE:
-        return []
-    return [note for note in notes if str(note).startswith(CORRECTED)]
+        return str(read_state(folder).get(CORRECTED_BY, ""))
+    except UNREADABLE:  # said of that file
+        return ""
 
 
 def read_state(folder: Path) -> dict[str, Any]:

@@ -44,7 +44,16 @@ from aircraft_sysid_ros.reconstruction.state import StateField, status_text
 from aircraft_sysid_ros.reconstruction.state_estimator import StateEstimator, nanoseconds
 from aircraft_sysid_ros.recordings.writer import RecordingWriter
 from aircraft_sysid_ros.ros_messages import output_messages as out
-from aircraft_sysid_ros.run_reader import AIRCRAFT, ESTIMATES, PARAMETERS, POINTS, SAMPLES, STATE
+from aircraft_sysid_ros.run_reader import (
+    AIRCRAFT,
+    CORRECTED_BY,
+    ESTIMATES,
+    PARAMETERS,
+    POINTS,
+    SAMPLES,
+    STATE,
+    corrected_note,
+)
 from aircraft_sysid_ros.samples import Samples, concatenate
 from aircraft_sysid_ros.text_file import put_in_place, write_whole
 
@@ -148,20 +157,24 @@ class RunWriter:
         started: float,
         notes: Sequence[str] = (),
         manoeuvres: Sequence[dict[str, Any]] = (),
+        calibration: str | Path | None = None,
     ) -> dict[str, Any]:
         """Write the folder; returns the content of its JSON files under "state" and "parameters".
 
         ``duration`` of the flight [s], the reading of time.perf_counter() when the work began, and ``notes`` on what
-        could not be read of the recording, and where ``manoeuvres`` that were joined come from. What the flight does
-        without is noted too.
+        could not be read of the recording, where ``manoeuvres`` that were joined come from, and the file of the
+        ``calibration`` that corrected the samples. What the flight does without is noted too.
         """
+        corrected = [corrected_note(str(calibration))] if calibration else []
         absent = absences(state, [manoeuvre["name"] for manoeuvre in manoeuvres])
         lost = [] if self._journal is None else [*filter(None, (self._journal.kept, self._journal.note))]
-        told = [*notes, *lost, *absent, *noise_notes(state)]
+        told = [*notes, *corrected, *lost, *absent, *noise_notes(state)]
         result = {"state": {**state_json(state), "notes": told}, "parameters": parameters_json(parameters)}
         self._doubt_calm_air(state, result)
         if manoeuvres:
             result["state"]["manoeuvres"] = list(manoeuvres)
+        if calibration:
+            result["state"][CORRECTED_BY] = str(calibration)
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)
             with tempfile.TemporaryDirectory(dir=self.path.parent, prefix=f".{self.path.name}.") as folder:

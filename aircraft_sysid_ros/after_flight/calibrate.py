@@ -33,7 +33,7 @@ from aircraft_sysid_ros.errors import InputError, echo
 from aircraft_sysid_ros.json_text import json_text
 from aircraft_sysid_ros.recordings.reader import read_recording
 from aircraft_sysid_ros.refinement.run_data import load_run
-from aircraft_sysid_ros.run_reader import AIRCRAFT, CALIBRATION, RESULT, SAMPLES, corrections_of
+from aircraft_sysid_ros.run_reader import AIRCRAFT, CALIBRATION, RESULT, SAMPLES, corrected_note, correction_of
 from aircraft_sysid_ros.samples import Kind, Samples
 
 SECTIONS = {"five-hole": files.FIVE_HOLE, "magnetometer": files.MAGNETOMETER, "compatibility": files.COMPATIBILITY}
@@ -116,7 +116,8 @@ def _flight(source: str, needed: tuple[str, ...]) -> tuple[Samples, list[str]]:
     missing = [f"/{topic}" for topic in needed if _KINDS[topic] not in there]
     if missing:
         raise InputError(f"the run {source} holds no samples of {', '.join(missing)}, which this calibration needs")
-    return samples, corrections_of(Path(source))
+    correction = correction_of(Path(source))
+    return samples, [corrected_note(correction)] if correction else []
 
 
 def _check(options: CalibrationOptions) -> None:

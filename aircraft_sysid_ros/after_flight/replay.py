@@ -34,7 +34,6 @@ from aircraft_sysid_ros.reconstruction.state_estimator import warm_up
 from aircraft_sysid_ros.recordings.manoeuvres import read_body
 from aircraft_sysid_ros.recordings.message_types import known_types
 from aircraft_sysid_ros.recordings.reader import Recording
-from aircraft_sysid_ros.run_reader import corrected_notes
 from aircraft_sysid_ros.run_writer import RunWriter
 from aircraft_sysid_ros.samples import SAME_FLIGHT, Kind, Samples
 from aircraft_sysid_ros.text_file import write_new, write_whole
@@ -124,8 +123,9 @@ def _flown(
             pipeline.parameters,
             pipeline.state.flight_time,
             started,
-            (*recording.notes, *unused, *corrected_notes(options.calibration)),
+            (*recording.notes, *unused),
             [manoeuvre.json for manoeuvre in body.manoeuvres],
+            options.calibration,
         )
     findings = [record for finding in sensor_findings(pipeline) for record in finding.records]
     return pipeline, {"run": str(out), "notes": [*told, *unused], "findings": findings, **result}

@@ -79,6 +79,8 @@ _STEP = 0.2
 FEW_SAMPLES = 32
 #: Residuals of the air data larger than so many times their noise are the wind's; means of bins have less noise.
 STEADY = 1.0
+#: Measurements where the IMU was silent for so many of its steps are left out, and bins so far from a measurement.
+_HOLE = 3.5
 #: Heading is left out so near [rad] to where it jumps.
 _NEAR_SOUTH = 0.35
 #: Linearisations about the starts of the pieces.
@@ -99,12 +101,13 @@ class CompatibilityData:
 
     measured: Array  # (n, 6) V, alpha, beta, phi, theta, psi
     scale: Array  # (6,) in which the outputs are counted: their noise, so that stage 1 can add m/s to rad
-    there: Array  # (n, 6) 1, or 0 where an output cannot be compared: a scaled heading jumps at south
+    there: Array  # (n, 6) 1, or 0 where an output was not measured or cannot be compared: a scaled heading at south
     piece: npt.NDArray[np.int64]  # (n,) of the bins
     time: Array  # (k,) of the IMU [s]
     force: Array  # (k, 3) as measured
     rate: Array  # (k, 3)
     bins: npt.NDArray[np.int64]  # (k,)
+    weights: Array  # (k, 6) with which the outputs then count in the means of their bin
     velocity0: Array  # (pieces, 3) air-relative at the start of each piece, NED [m/s]
     attitude0: Array  # (pieces, 4)
     arm: Array  # (3,) of the probe from the IMU [m]
@@ -126,8 +129,8 @@ class CompatibilityData:
 
     def _integrated(self, xi2: Array, with_slopes: bool) -> tuple[Array, Array]:
         return integrated_outputs(
-            self.time, self.force, self.rate, self.piece[self.bins], self.bins, len(self.measured), self.velocity0,
-            self.attitude0, xi2, self.arm, self.gravity, self.measured[:, 5], with_slopes,
+            self.time, self.force, self.rate, self.piece[self.bins], self.bins, self.weights, len(self.measured),
+            self.velocity0, self.attitude0, xi2, self.arm, self.gravity, self.measured[:, 5], with_slopes,
         )  # fmt: skip
 
     def model(self, xi2: Array) -> tuple[Array, Array]:
@@ -229,21 +232,23 @@ def compatibility_flight(
     ]  # fmt: skip
     attitude_time, angles = _attitude(samples, aircraft, whole)
     imu_time, imu = series(samples, Kind.IMU, whole.epoch, 6)
-    grid = common_grid(whole.time, attitude_time, imu_time, *(time for time, _ in air), least=_STEP)
+    apart = [float(np.median(np.diff(time))) for time in (*(t for t, _ in air), attitude_time) if len(time) > 1]
+    grid = common_grid(whole.time, imu_time, least=max([_STEP, *apart]))
     navigation = whole.at(grid, imu_time)
-    columns = [np.interp(imu_time, time, values[:, 0]) for time, values in air]
-    for angle in np.unwrap(angles, axis=0).T:
-        columns.append(np.interp(imu_time, attitude_time, angle))
-    outputs = grid.means(imu_time, np.stack(columns, axis=1))
+    shown = [_shown(grid, imu_time, time, values) for time, values in air]
+    shown.append(_shown(grid, imu_time, attitude_time, np.unwrap(angles, axis=0)))
+    outputs, there = (np.concatenate([part[k] for part in shown], axis=1) for k in (0, 1))
     outputs[:, 5] = (outputs[:, 5] + np.pi) % (2.0 * np.pi) - np.pi
+    weights = np.stack([part[2] for part in (*shown, shown[-1], shown[-1])], axis=1)
     flying = (outputs[:, 0] > aircraft.minimum_airspeed) & in_span(samples, navigation, span)
+    flying &= np.isfinite(outputs).all(axis=1)
     segments = find_segments(navigation, flying, grid.step)
     used = segments.used
     place = float(gravity(whole.origin[0], whole.origin[2]))
     arm = aircraft.air_data_position - aircraft.imu_position
     noise = [aircraft.sensors[name].noise[0] for name in ("airspeed", "angle_of_attack", "sideslip", "attitude")]
     scale = np.array([*noise, noise[3], noise[3]])
-    data = _data(grid[used], scale, outputs[used], imu_time, imu, arm, place)
+    data = _data(grid[used], scale, outputs[used], there[used], weights, imu_time, imu, arm, place)
     if data.pieces < FEWEST_PIECES:
         raise InputError(f"the flight has {data.pieces} pieces of up to {PIECE:g} s without a gap, and standard errors "
                          f"need {FEWEST_PIECES}: give a longer recording or a wider span")  # fmt: skip
@@ -259,9 +264,39 @@ def _attitude(samples: Samples, aircraft: Aircraft, whole: Navigation) -> tuple[
     return whole.time, np.array([euler_from_quaternion(quaternion_from_matrix(c)) for c in whole.rotation])
 
 
+def _shown(grid: Grid, imu_time: Array, time: Array, values: Array) -> tuple[Array, Array, Array]:
+    """Means (n, m) in the bins of what was measured (k, m) at times (k,), and 1 where something was, else 0 (n, m).
+
+    Between measurements the means are on straight lines, and NaN far from any. Weights (i,) are those of the IMU's
+    samples, as the measurements lie among them: what follows from the IMU then has the means of the same instants.
+    Straight lines between slow measurements had cut the peaks of doublets, which looked like a scale.
+    """
+    right = np.clip(np.searchsorted(imu_time, time), 1, len(imu_time) - 1)
+    left, step = right - 1, np.diff(imu_time)
+    share = (time - imu_time[left]) / np.maximum(step[left], 1e-9)
+    near = (share > -1.0) & (share < 2.0) & (step[left] < _HOLE * np.median(step))
+    row, inside = grid.place(imu_time)
+    share = np.where(row[left] == row[right], np.clip(share, 0.0, 1.0), share > 0.5)
+    nearest = np.where(share > 0.5, right, left)
+    kept = near & inside[nearest]
+    weights = np.zeros(len(imu_time))
+    np.add.at(weights, left[kept], 1.0 - share[kept])
+    np.add.at(weights, right[kept], share[kept])
+    total, count = np.zeros((len(grid.index), values.shape[1])), np.zeros((len(grid.index), 1))
+    np.add.at(total, row[nearest[kept]], values[kept])
+    np.add.at(count, row[nearest[kept]], 1.0)
+    after = np.clip(np.searchsorted(time, grid.time), 1, len(time) - 1)
+    apart = np.minimum(np.abs(grid.time - time[after - 1]), np.abs(time[after] - grid.time))
+    lines = np.stack([np.interp(grid.time, time, column) for column in values.T], axis=1)
+    lines[apart > _HOLE * grid.step] = np.nan
+    there = np.where(count > 0.0, np.ones(total.shape), 0.0)
+    return np.where(there > 0.0, total / np.maximum(count, 1.0), lines), there, weights
+
+
 def _data(
-    grid: Grid, scale: Array, outputs: Array, imu_time: Array, imu: Array, arm: Array, place: float
-) -> CompatibilityData:
+    grid: Grid, scale: Array, outputs: Array, measured_there: Array, weights: Array, imu_time: Array, imu: Array,
+    arm: Array, place: float,
+) -> CompatibilityData:  # fmt: skip
     piece = _pieces(grid)
     at, inside = grid.place(imu_time)
     time, measured, index = imu_time[inside], imu[inside], at[inside]
@@ -272,11 +307,11 @@ def _data(
         attitude0[number] = quaternion_from_euler(*angles)
         flow = velocity_from_air_data(speed, alpha, beta) - np.cross(measured[k, 3:6], arm)
         velocity0[number] = rotation_matrix(attitude0[number]) @ flow
-    there = np.ones_like(outputs)
-    there[:, 5] = np.abs(outputs[:, 5]) < np.pi - _NEAR_SOUTH
+    there = measured_there.copy()
+    there[:, 5] *= np.abs(outputs[:, 5]) < np.pi - _NEAR_SOUTH
     return CompatibilityData(
-        outputs, scale, there, piece, time, measured[:, :3].copy(), measured[:, 3:6].copy(), index, velocity0,
-        attitude0, np.asarray(arm, dtype=np.float64), place, (),
+        outputs, scale, there, piece, time, measured[:, :3].copy(), measured[:, 3:6].copy(), index, weights[inside],
+        velocity0, attitude0, np.asarray(arm, dtype=np.float64), place, (),
     )  # fmt: skip
 
 

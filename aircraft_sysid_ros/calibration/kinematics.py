@@ -25,17 +25,18 @@ OUTPUTS, START = 6, 6
 
 @njit(cache=True, nogil=True)
 def integrated_outputs(
-    time: Array, force: Array, rate: Array, piece: Integers, bins: Integers, count: int, velocity0: Array,
-    attitude0: Array, biases: Array, arm: Array, gravity: float, heading: Array, with_slopes: bool,
+    time: Array, force: Array, rate: Array, piece: Integers, bins: Integers, weights: Array, count: int,
+    velocity0: Array, attitude0: Array, biases: Array, arm: Array, gravity: float, heading: Array, with_slopes: bool,
 ) -> tuple[Array, Array]:  # fmt: skip
     """Means in each bin of V, alpha, beta at the probe, roll, pitch, yaw (count, 6), and their derivatives.
 
     IMU as measured at times (k,) [s], force and rate (k, 3); piece (k,): a new number begins from the next row of
-    velocity0 (pieces, 3) [m/s] NED and attitude0 (pieces, 4); bins (k,); biases (6,), measured minus true, of
-    accelerometers and gyros; arm (3,) [m] of the probe; heading (count,): yaw is within pi of it. Derivatives
-    (count, 6, 12) by dv0, e0, b_a, b_g, three each, or (0, 6, 12). A bin without a sample is NaN.
+    velocity0 (pieces, 3) [m/s] NED and attitude0 (pieces, 4); bins (k,), and with which weights (k, 6) the outputs
+    then count in them; biases (6,), measured minus true, of accelerometers and gyros; arm (3,) [m] of the probe;
+    heading (count,): yaw is within pi of it. Derivatives (count, 6, 12) by dv0, e0, b_a, b_g, three each, or
+    (0, 6, 12). All is 0 in a bin without weight.
     """
-    outputs, number = np.zeros((count, OUTPUTS)), np.zeros(count)
+    outputs, total, now = np.zeros((count, OUTPUTS)), np.zeros((count, OUTPUTS)), np.empty(OUTPUTS)
     slopes = np.zeros((count if with_slopes else 0, OUTPUTS, 12))
     g, f, k = np.zeros((3, 3)), np.zeros((3, 3)), np.zeros((3, 3))
     velocity, attitude, turn, acceleration = np.zeros(3), np.zeros(4), np.zeros(3), np.zeros(3)
@@ -58,21 +59,24 @@ def integrated_outputs(
         for j in range(3):
             flow[j] += c[0, j] * velocity[0] + c[1, j] * velocity[1] + c[2, j] * velocity[2]
         ahead = np.sqrt(flow[0] ** 2 + flow[2] ** 2)
-        outputs[b, 0] += np.sqrt(ahead**2 + flow[1] ** 2)
-        outputs[b, 1] += np.arctan2(flow[2], flow[0])
-        outputs[b, 2] += np.arctan2(flow[1], ahead)
-        outputs[b, 3] += np.arctan2(c[2, 1], c[2, 2])
-        outputs[b, 4] -= np.arcsin(min(max(c[2, 0], -1.0), 1.0))
+        now[0] = np.sqrt(ahead**2 + flow[1] ** 2)
+        now[1] = np.arctan2(flow[2], flow[0])
+        now[2] = np.arctan2(flow[1], ahead)
+        now[3] = np.arctan2(c[2, 1], c[2, 2])
+        now[4] = -np.arcsin(min(max(c[2, 0], -1.0), 1.0))
         yaw = np.arctan2(c[1, 0], c[0, 0])
-        outputs[b, 5] += heading[b] + (yaw - heading[b] + np.pi) % (2.0 * np.pi) - np.pi
-        number[b] += 1.0
+        now[5] = heading[b] + (yaw - heading[b] + np.pi) % (2.0 * np.pi) - np.pi
+        for j in range(OUTPUTS):
+            outputs[b, j] += weights[i, j] * now[j]
+            total[b, j] += weights[i, j]
         if with_slopes:
-            _add_slopes(slopes[b], velocity, c, flow, arm, g, f, k)
+            _add_slopes(slopes[b], weights[i], velocity, c, flow, arm, g, f, k)
     for b in range(count):
-        scale = 1.0 / number[b] if number[b] > 0.0 else np.nan
-        outputs[b] *= scale
-        if with_slopes:
-            slopes[b] *= scale
+        for j in range(OUTPUTS):
+            scale = 1.0 / total[b, j] if total[b, j] > 0.0 else 0.0
+            outputs[b, j] *= scale
+            if with_slopes:
+                slopes[b, j] *= scale
     return outputs, slopes
 
 
@@ -126,8 +130,10 @@ def _extend(g: Array, f: Array, k: Array, middle: Array, acceleration: Array, st
 
 
 @njit(cache=True, nogil=True)
-def _add_slopes(slope: Array, velocity: Array, c: Array, flow: Array, arm: Array, g: Array, f: Array, k: Array) -> None:
-    """Add derivatives (6, 12) at one instant: du = C'(dv + v x e) + r x db_g, and Euler angles by e."""
+def _add_slopes(
+    slope: Array, weight: Array, velocity: Array, c: Array, flow: Array, arm: Array, g: Array, f: Array, k: Array
+) -> None:
+    """Add derivatives (6, 12) at one instant by weights (6,): du = C'(dv + v x e) + r x db_g, and Euler angles by e."""
     ahead2 = flow[0] ** 2 + flow[2] ** 2
     ahead, speed2 = np.sqrt(ahead2), ahead2 + flow[1] ** 2
     row, by_v, by_e, by_arm = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
@@ -153,10 +159,10 @@ def _add_slopes(slope: Array, velocity: Array, c: Array, flow: Array, arm: Array
             of_k = by_v[0] * k[0, j] + by_v[1] * k[1, j] + by_v[2] * k[2, j]
             by_v_of_g = by_v[0] * g[0, j] + by_v[1] * g[1, j] + by_v[2] * g[2, j]
             by_e_of_g = by_e[0] * g[0, j] + by_e[1] * g[1, j] + by_e[2] * g[2, j]
-            slope[i, j] += by_v[j]
-            slope[i, 3 + j] += by_e[j] - of_f
-            slope[i, 6 + j] -= by_v_of_g
-            slope[i, 9 + j] += of_k - by_e_of_g + by_arm[j]
+            slope[i, j] += weight[i] * by_v[j]
+            slope[i, 3 + j] += weight[i] * (by_e[j] - of_f)
+            slope[i, 6 + j] -= weight[i] * by_v_of_g
+            slope[i, 9 + j] += weight[i] * (of_k - by_e_of_g + by_arm[j])
 
 
 @njit(cache=True, nogil=True)

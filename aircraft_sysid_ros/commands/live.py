@@ -39,7 +39,6 @@ from aircraft_sysid_ros.nodes.inputs import drain, lost_in_words
 from aircraft_sysid_ros.reconstruction.absences import absences
 from aircraft_sysid_ros.reconstruction.found_noise import noise_notes
 from aircraft_sysid_ros.reconstruction.options import StateOptions
-from aircraft_sysid_ros.run_reader import corrected_notes
 from aircraft_sysid_ros.run_writer import RunWriter, state_json
 
 #: Why a node of ``live`` cannot be cleaned up from outside.
@@ -75,9 +74,11 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     if args.until_idle is not None and not 0.0 < args.until_idle < 1e6:
         raise InputError(f"--until-idle must be a positive time in s, not {args.until_idle:g}")
     aircraft = with_prior(load_aircraft(args.aircraft), args.prior, args.airframe)
+    in_progress: dict[str, Any] = {"state": asdict(options[0]), "parameters": asdict(options[1])}
     if args.calibration:
-        load_calibration(args.calibration)
-    in_progress = {"state": asdict(options[0]), "parameters": asdict(options[1])}
+        given = load_calibration(args.calibration).source
+        content = {key: given[key] for key in given if key != "source"}  # which is free text
+        in_progress["calibration"] = {"file": str(args.calibration), "content": content}
     writer = None
     if args.out:
         writer = RunWriter(args.out, aircraft, overwrite=args.overwrite, in_progress=in_progress)
@@ -272,6 +273,8 @@ def _result(args: argparse.Namespace, state: Any, parameters: Any, writer: Any, 
             "state": {**state_json(state.estimator), **timing},
             "parameters": parameters_json(parameters.estimator),
         }
-    kept = [*(note for note in told if note), *corrected_notes(args.calibration)]
-    written = writer.finish(state.estimator, parameters.estimator, flight_time, started, kept)
+    kept = [note for note in told if note]
+    written = writer.finish(
+        state.estimator, parameters.estimator, flight_time, started, kept, calibration=args.calibration
+    )
     return {**result, "run": str(args.out), **written}

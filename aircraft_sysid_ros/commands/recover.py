@@ -14,6 +14,8 @@ from typing import Any
 from aircraft_sysid_ros.after_flight.replay import feed
 from aircraft_sysid_ros.after_flight.replay_notes import estimator_notes, rate_notes, why_no_start
 from aircraft_sysid_ros.aircraft.configuration import load_aircraft
+from aircraft_sysid_ros.calibration.calibration_file import calibration_from_dict
+from aircraft_sysid_ros.calibration.filter_start import start_of_calibration
 from aircraft_sysid_ros.commands.progress import telling
 from aircraft_sysid_ros.commands.replay import render as render_run
 from aircraft_sysid_ros.errors import InputError
@@ -46,6 +48,9 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
             f"{journal_path(args.run)} has options of another version of the program: recover it with that which flew"
         ) from None
     pipeline = Pipeline(aircraft, *options)
+    correction = content.get("calibration")  # of samples that are on disk as corrected
+    if correction and pipeline.state.options.air_data_errors:
+        pipeline.state.take_start(start_of_calibration(calibration_from_dict(correction["content"])))
     seconds = (int(samples.stamp.max()) - int(samples.stamp.min())) * 1e-9
     told = [f"the flight was cut off: recovered from the {len(samples)} samples of {seconds:.1f} s that were on disk"]
     with RunWriter(args.run, aircraft, overwrite=args.overwrite) as writer:
@@ -56,7 +61,10 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         if not pipeline.state.has_been_aligned:
             raise InputError(f"nothing is written, since the filter never started: {why_no_start(pipeline.state)}")
         told += rate_notes(pipeline.parameters.stream) + estimator_notes(pipeline.parameters)
-        result = writer.finish(pipeline.state, pipeline.parameters, pipeline.state.flight_time, started, told)
+        result = writer.finish(
+            pipeline.state, pipeline.parameters, pipeline.state.flight_time, started, told,
+            calibration=correction and correction["file"],
+        )  # fmt: skip
     shutil.rmtree(journal_path(args.run), ignore_errors=True)
     return {"run": str(args.run), "notes": result["state"]["notes"], **result}
 

@@ -1,16 +1,19 @@
 """With a calibration file live and replay correct the same samples in the same way, to the last bit."""
 
 import json
+import time
 
 import pytest
 import yaml
 from processes import live, play
 from test_live_equals_replay import check_same
+from waiting import LONGEST, finish
 
 from aircraft_sysid_ros.after_flight.calibrate import _flight
 from aircraft_sysid_ros.commands.main import main
 from aircraft_sysid_ros.config_files import config_path
-from aircraft_sysid_ros.run_reader import corrections_of
+from aircraft_sysid_ros.flight_journal import RECORD, RECORDS
+from aircraft_sysid_ros.run_reader import correction_of, journal_path, read_samples
 from aircraft_sysid_ros.simulation.calibration_flight import CALIBRATION_AIRCRAFT, calibration_flight
 from aircraft_sysid_ros.simulation.truth_files import write_flight
 
@@ -55,7 +58,26 @@ def test_who_calibrates_a_run_that_was_corrected_is_told(flown, tmp_path):
     assert _flight(str(tmp_path / "right"), ())[1] == [told]
     assert _flight(str(flown[0] / "flight"), ())[1] == []
     (tmp_path / "right" / "state.json").write_text("{")  # a damaged file is said where it is needed
-    assert corrections_of(tmp_path / "right") == []
+    assert correction_of(tmp_path / "right") == ""
+
+
+def test_a_flight_that_was_cut_off_is_recovered_with_its_calibration(flown, tmp_path, domain, capsys):
+    """The filter began without what the file says of the air data, and nothing said that samples were corrected."""
+    states = ("--calibration", flown[0] / "calibration.yaml", "--air-data-errors")
+    right = replayed(flown, tmp_path / "right", *states)
+    with live(tmp_path / "run", AIRCRAFT, "--reliable", "--horizon", HORIZON, *states) as process:
+        play(flown[0] / "flight", 8)
+        deadline, kept = time.monotonic() + LONGEST, 0
+        while kept < len(read_samples(tmp_path / "right")):
+            assert time.monotonic() < deadline, f"{kept} samples are on disk"
+            time.sleep(0.1)
+            kept = (journal_path(tmp_path / "run") / RECORDS).stat().st_size // RECORD.itemsize
+        process.kill()
+        finish(process)
+    assert main(["recover", str(tmp_path / "run")]) == 0
+    found = json.loads((tmp_path / "run" / "state.json").read_text())
+    assert found["corrected_by"] == right["corrected_by"] == str(flown[0] / "calibration.yaml")
+    assert found["air_data_errors"] == right["air_data_errors"] and found["wind_ned"] == right["wind_ned"]
 
 
 @pytest.mark.long
