@@ -73,6 +73,9 @@ PIECE = 20.0
 _ANY = Conditions(np.inf, np.inf, "none")
 #: Biases of good sensors: zero is a good start here, as the paper says.
 _PRIOR = Prior("normal", np.zeros(6), np.array([0.2] * 3 + [0.01] * 3))
+#: One sigma of attitudes and biases that are taken as zero, in the order of NAMES1 and NAMES2: it is in the standard
+#: errors of the others. Not of air data: what is found of one of their errors beside a zero holds with that zero.
+_USUAL = np.array([0.0] * 3 + [0.02] * 3 + [0.0] * 3 + [0.02] * 2 + [0.2] * 3 + [0.01] * 3)
 #: Step of the grid [s]: means of the outputs are outputs, and the noise is what matters.
 _STEP = 0.2
 #: Samples of stage 1: where it begins hardly matters here.
@@ -205,7 +208,7 @@ class CompatibilityFlight:
         for _ in range(_TURNS):
             data = data.refined(None if answer is None else answer.xi)
             task = Task(data.problem(), data.piece, np.zeros(len(NAMES1) + len(NAMES2)), by_piece=True,
-                        conditions=_ANY, prior=_PRIOR)  # fmt: skip
+                        conditions=_ANY, prior=_PRIOR, usual=_USUAL)  # fmt: skip
             answer = solve(task, samples if answer is None else answer.xi[None, len(NAMES1) :], seed, progress)
             first = first or answer
         assert answer is not None and first is not None

@@ -25,6 +25,8 @@ import numpy.typing as npt
 from aircraft_sysid_ros.calibration.standard_errors import (
     AttitudeErrors,
     Errors,
+    by_the_others,
+    embedded,
     jackknife,
     standard_errors,
     undetermined,
@@ -66,15 +68,21 @@ class Task:
     by_piece: bool = False  # residuals are correlated over whole pieces
     conditions: Conditions = field(default_factory=Conditions)  # (17), (18)
     prior: Prior = field(default_factory=Prior)  # of xi2
+    usual: Array | None = None  # (n,) how far unknowns of sensors as they are lie from nominal, one sigma
 
     def errors(self, xi: Array, noise: Array, free: Mask) -> Errors:
-        """Standard errors at xi (n,) with R (m,), ``free`` (n,) being estimated."""
+        """Standard errors at xi (n,) with R (m,), ``free`` (n,) being estimated and the others as usual."""
         xi1, xi2 = np.split(xi, [self.problem.n1])
-        if self.by_piece:
-            return jackknife(self.problem, xi1, xi2, noise, self.piece, free)
         rows = None if self.instruments is None else self.instruments(xi)
-        attitude = None if self.attitude is None else self.attitude(xi)
-        return standard_errors(self.problem, xi1, xi2, noise, self.piece, free, rows, attitude)
+        if self.by_piece:
+            found = jackknife(self.problem, xi1, xi2, noise, self.piece, free)
+        else:
+            attitude = None if self.attitude is None else self.attitude(xi)
+            found = standard_errors(self.problem, xi1, xi2, noise, self.piece, free, rows, attitude)
+        if self.usual is None or free.all():
+            return found
+        moved = by_the_others(self.problem, xi1, xi2, noise, free, rows) * self.usual[~free]
+        return replace(found, coloured=found.coloured + embedded(moved @ moved.T, free))
 
 
 @dataclass(frozen=True)

@@ -261,11 +261,15 @@ def _doubts(answer: Answer) -> list[str]:
     if answer.refused:
         listed = ", ".join(answer.refused)
         notes.append(f"no answer, and not in the calibration file: {listed}; nothing is corrected by them")
-    taken = [
-        f"{name} = {value:.4g}"
-        for name, value, there in zip(names, answer.xi, answer.determined, strict=True)
-        if not there and name not in answer.refused
-    ]
+    usual = np.zeros(len(names)) if answer.task.usual is None else answer.task.usual
+    out = [not there and name not in answer.refused for name, there in zip(names, answer.determined, strict=True)]
+    each = list(zip(names, answer.xi, usual, out, strict=True))
+    counted = [f"{name} = {value:.4g} ± {std:.2g}" for name, value, std, is_out in each if is_out and std > 0.0]
+    taken = [f"{name} = {value:.4g}" for name, value, std, is_out in each if is_out and std == 0.0]
+    if counted:
+        notes.append(
+            f"not excited, taken as usual, which is in the standard errors of the others: {', '.join(counted)}"
+        )
     if taken:
         notes.append(
             "answers and standard errors hold if what this flight does not excite is as it is taken: "

@@ -99,7 +99,7 @@ def standard_errors(
     coloured = coloured_sandwich(padded, padded_residuals, solution, lags, residuals.size)
     if attitude is not None:
         coloured = coloured + attitude.covariance(rows[:, :, free], np.sqrt(noise), solution.inverse)
-    return Errors(_embedded(coloured, free), _embedded(solution.covariance, free), lags)
+    return Errors(embedded(coloured, free), embedded(solution.covariance, free), lags)
 
 
 def jackknife(
@@ -129,7 +129,22 @@ def jackknife(
     else:
         covariance = moved.T @ moved * ((count - 1.0) ** 2 / (count * (count - 3.0)))
         covariance += np.diag(np.maximum(np.diag(white) - np.diag(covariance), 0.0))
-    return Errors(_embedded(covariance, free), _embedded(white, free), 0)
+    return Errors(embedded(covariance, free), embedded(white, free), 0)
+
+
+def by_the_others(
+    problem: Problem, xi1: Array, xi2: Array, noise: Array, free: Mask, instruments: Array | None = None
+) -> Array:
+    """Derivative (n_free, n - n_free) of the estimate of what is free by what is taken as known.
+
+    What they add to the covariance of the estimate follows from it (Jazwinski, section 8.3: consider parameters).
+    """
+    a, _ = problem.evaluate(xi2)
+    slopes = np.concatenate([a, problem.slopes(xi1, xi2)], axis=2) / np.sqrt(noise)[:, None]
+    rows = (slopes if instruments is None else instruments / np.sqrt(noise)[:, None])[:, :, free]
+    h, own = (part.reshape(-1, int(free.sum())) for part in (rows, slopes[:, :, free]))
+    others = slopes[:, :, ~free].reshape(len(h), -1)
+    return -np.asarray(np.linalg.lstsq(h.T @ own, h.T @ others)[0])
 
 
 def window_length(residuals: Array, piece: npt.NDArray[np.int64]) -> int:
@@ -149,7 +164,8 @@ def undetermined(problem: Problem, std: Array) -> Mask:
     return np.asarray(~(std <= DETERMINED * half))
 
 
-def _embedded(covariance: Array, free: Mask) -> Array:
+def embedded(covariance: Array, free: Mask) -> Array:
+    """A covariance of what is free as one of all (n, n)."""
     out = np.zeros((len(free), len(free)))
     out[np.ix_(free, free)] = covariance
     return out

@@ -1,5 +1,7 @@
 """Standard errors with residuals that are correlated, and parameters that a flight does not excite."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -52,6 +54,34 @@ def test_coloured_residuals_are_counted(by_piece):
     ratio = rows[:, :2].std(axis=0) / np.sqrt(np.mean(rows[:, 2:4] ** 2, axis=0))
     assert np.all(ratio > 0.75) and np.all(ratio < 1.25)
     assert np.all(rows[:, :2].std(axis=0) > 2.0 * np.median(rows[:, 4:], axis=0))
+
+
+@pytest.mark.parametrize("by_piece", [False, True])
+@pytest.mark.parametrize("by_instruments", [False, True])
+def test_what_is_taken_as_nominal_is_in_the_errors_of_the_others(by_piece, by_instruments):
+    """200 seeds: a bias that no flight is fitted for lies somewhere about zero, and moves the scale beside it."""
+    rng, usual = np.random.default_rng(7), 0.3
+    x, free = np.sin(np.linspace(0.0, 6.0, N)), np.array([True, False, True])
+    a = np.stack([x, x**2 + 0.5 * x], axis=1)[:, None, :]
+    slopes = np.concatenate([a, np.ones((N, 1, 1))], axis=2)
+    left = slopes[:, 0, free]
+    found = []
+    for _ in range(200):
+        shown = 0.5 * x + a[:, 0, 1] * usual * rng.standard_normal() + 0.2 + 0.01 * rng.standard_normal(N)
+        problem = Problem(shown[:, None], lambda xi2: (a, np.full((N, 1), xi2[0])), ("a", "c"), ("b",),
+                          np.array([[-2.0, 2.0]] * 2), np.array([[-2.0, 2.0]]))  # fmt: skip
+        task = Task(problem, np.arange(N) // 50, np.zeros(3), by_piece=by_piece, usual=np.array([0.0, usual, 0.0]),
+                    instruments=(lambda xi: slopes) if by_instruments else None)  # fmt: skip
+        at = np.zeros(3)
+        at[free] = np.linalg.lstsq(left, shown)[0]
+        noise = np.array([np.mean((shown - left @ at[free]) ** 2)])
+        errors = task.errors(at, noise, free)
+        known = replace(task, usual=None).errors(at, noise, free)
+        assert errors.std[1] == 0.0 and np.all(errors.std >= known.std)
+        found.append([at[0] - 0.5, at[2] - 0.2, *errors.std[free]])
+    rows = np.array(found)
+    ratio = rows[:, :2].std(axis=0) / np.sqrt(np.mean(rows[:, 2:] ** 2, axis=0))
+    assert np.all(ratio > 0.75) and np.all(ratio < 1.15), ratio
 
 
 def test_few_pieces_are_not_believed():
