@@ -12,13 +12,14 @@ import zipfile
 import zlib
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.archives import is_bomb
 from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.identification.options import EstimatorName
 from aircraft_sysid_ros.identification.trust import Trust
 from aircraft_sysid_ros.samples import REQUIRED_VALUES, Kind, Samples
 
@@ -57,6 +58,16 @@ def read_parameters(folder: Path) -> dict[str, dict[str, Any]]:
         if p["status"] == Trust.USE.name and not _are_finite(p["value"], p["std"]):
             raise _Impossible(f"holds {name} to USE without a finite value and standard error")
     return parameters
+
+
+def estimator_of(folder: Path) -> EstimatorName:
+    """The estimator that a run was asked for; that which is chosen by itself where nothing says so."""
+    try:
+        asked = json.loads((folder / PARAMETERS).read_text(encoding="utf8"))["estimator"]["asked"]
+    except (*UNREADABLE, TypeError):  # said of that file
+        asked = "auto"
+    names: tuple[EstimatorName, ...] = get_args(EstimatorName)
+    return asked if asked in names else "auto"
 
 
 def late_surfaces_of(folder: Path) -> dict[str, tuple[float, float]]:

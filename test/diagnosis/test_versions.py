@@ -134,6 +134,20 @@ def test_the_constant_of_a_force_is_known_no_better_than_the_bias_of_the_acceler
         assert abs(value - aircraft.coefficients[f"{axis}_0"]) < 3.0 * std
 
 
+def test_what_is_added_in_one_axis_makes_no_other_parameter_surer(run) -> None:
+    """All had come from least squares, 3 to 12 times as sure, with USE in the place of every reason for HOLD."""
+    before = json.loads((run / "parameters.json").read_text())["parameters"]
+    version = add(run, "CZ: alpha**3").version
+    after = json.loads((run / "models" / version.identifier / "parameters.json").read_text())["parameters"]
+    by_name = {p["name"]: p for p in after}
+    others = [p for p in before if not p["name"].startswith("CZ")]
+    assert len(others) > 20 and {p["status"] for p in before} == {"USE", "HOLD"}
+    for p in others:
+        new = by_name[p["name"]]
+        assert (new["status"], new["reason"]) == (p["status"], p["reason"])
+        assert new["std"] == pytest.approx(p["std"], rel=0.02) and abs(new["value"] - p["value"]) < 0.1 * p["std"]
+
+
 def test_a_needless_term_is_said_to_be_one(run) -> None:
     outcome = add(run, "Cl: alpha*beta")
     errors = outcome.axes["Cl"]

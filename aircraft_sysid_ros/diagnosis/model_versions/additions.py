@@ -33,7 +33,6 @@ from aircraft_sysid_ros.diagnosis.measurement import (
     try_setting,
     with_the_other,
 )
-from aircraft_sysid_ros.diagnosis.model_versions.constants_of_forces import with_bias
 from aircraft_sysid_ros.diagnosis.model_versions.failed_input import BY_FORCES, FailedInput, failed_input
 from aircraft_sysid_ros.diagnosis.model_versions.requests import label_of, parse_request
 from aircraft_sysid_ros.diagnosis.model_versions.versions import (
@@ -41,6 +40,7 @@ from aircraft_sysid_ros.diagnosis.model_versions.versions import (
     Run,
     Version,
     changing,
+    learnt,
     open_run,
     version_with,
     write_version,
@@ -57,7 +57,6 @@ from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS
 from aircraft_sysid_ros.diagnosis.trim.trim_finding import trim_finding
 from aircraft_sysid_ros.effects.effect import MEASUREMENT, Effect
 from aircraft_sysid_ros.errors import InputError
-from aircraft_sysid_ros.identification.trust import Evidence, TrustRules, judge
 from aircraft_sysid_ros.processes import in_parallel
 from aircraft_sysid_ros.reconstruction.absences import options_after_flight
 from aircraft_sysid_ros.samples import Samples
@@ -321,9 +320,9 @@ def _finish(
     if not axes:
         raise InputError(f"no axis that '{label}' enters can be fitted on this flight")
     names = [] if removed else [f"{axis}_{term_label(t)}" for axis, texts in change.terms.items() for t in texts]
-    parameters = parameters_of(run, other, after)
+    parameters = learnt(run, version.aircraft)
     write_version(run, version, parameters, axes)
-    new = [p for p in parameters if p["name"] in names]
+    new = [p for p in parameters["parameters"] if p["name"] in names]
     pairs = {axis: (before[axis], after[axis]) for axis in fitted if axis in before}
     shared = {axis: _errors(*_on_shared_points(*pair)) for axis, pair in pairs.items()}
     improved = _falls(shared)
@@ -359,20 +358,10 @@ def _finish_by_forces(run: Run, label: str, failed: FailedInput, *, removed: Cha
     for axis in (axis for axis in AXES if axis in failed.errors):
         before, after = failed.errors[axis] if removed is None else reversed(failed.errors[axis])
         axes[axis] = {"error_before": before, "error_after": after, "noise_floor": np.nan}
-    write_version(run, version, _parameters_if_any(run, version), axes)
+    write_version(run, version, learnt(run, version.aircraft), axes)
     improved = _falls(axes)
     verdict = _verdict(label, axes, improved, removed is not None, ", by the balance of forces and moments")
     return Outcome(version, label, change, axes, [], improved, verdict)
-
-
-def _parameters_if_any(run: Run, version: Version) -> list[dict[str, Any]]:
-    """Parameters of a version; without values where the flight tells no coefficients."""
-    try:
-        flight = run.flight(version.aircraft)
-    except InputError as error:
-        names = version.aircraft.model.parameter_names
-        return [{"name": n, "value": np.nan, "std": np.nan, "status": "HOLD", "reason": str(error)} for n in names]
-    return parameters_of(run, flight, fits_of(flight)[0])
 
 
 def _falls(axes: Mapping[str, Mapping[str, float]]) -> bool:
@@ -422,22 +411,3 @@ def _verdict(label: str, axes: Mapping[str, Mapping[str, float]], improved: bool
     errors = axes[_most_changed(axes)]
     lowers = "hardly lowers" if errors["error_after"] < errors["error_before"] else "does not lower"
     return f"'{label}' {lowers} the held-out error ({numbers}): {_NO_REASON}"
-
-
-def parameters_of(run: Run, flight: FlightData, fits: Mapping[str, AxisFit]) -> list[dict[str, Any]]:
-    """Parameters of a model from all of the flight, each with its verdict, as in parameters.json."""
-    listed, whole = [], with_bias(run, flight)
-    for axis in AXES:
-        names = flight.model.parameter_names[flight.model.axis_slice(axis)]
-        fit = fits.get(axis)
-        for j, name in enumerate(names):
-            if fit is None:
-                reason = f"{axis} cannot be fitted on this flight"
-                listed.append({"name": name, "value": np.nan, "std": np.nan, "status": "HOLD", "reason": reason})
-                continue
-            value, std = float(fit.fit.parameters[j]), whole(axis, name, float(fit.fit.std[j]))
-            share = std * float(np.std(fit.columns[fit.rows, j])) / fit.spread
-            verdict = judge(Evidence(name, value, std, np.inf, share, len(fit.y), ""), TrustRules())
-            reason = "not determined by this flight" if np.isnan(value) else verdict.reason
-            listed.append({"name": name, "value": value, "std": std, "status": verdict.status.name, "reason": reason})
-    return listed

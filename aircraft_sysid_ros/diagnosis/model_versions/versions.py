@@ -2,7 +2,7 @@
 
     RUN/aircraft.yaml                the root version
     RUN/models/ID/aircraft.yaml      another version: loads like any aircraft file, for replay and live
-    RUN/models/ID/parameters.json    its parameters from all of the flight
+    RUN/models/ID/parameters.json    its parameters, as replay learns them with its aircraft file
     RUN/models/ID/version.json       id, parents, what was added to the root, errors on held-out flight
     RUN/model.json                   which version is the current one
 
@@ -25,6 +25,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import yaml
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
@@ -37,6 +38,9 @@ from aircraft_sysid_ros.diagnosis.model_versions.labels import named, newest, re
 from aircraft_sysid_ros.effects.effect import with_setting
 from aircraft_sysid_ros.errors import InputError, echo
 from aircraft_sysid_ros.identification.coefficients.layout import CoefficientSample
+from aircraft_sysid_ros.identification.model_file import parameters_json
+from aircraft_sysid_ros.identification.options import ParameterOptions
+from aircraft_sysid_ros.identification.trust import Trust
 from aircraft_sysid_ros.json_text import json_text
 from aircraft_sysid_ros.pipeline import Pipeline
 from aircraft_sysid_ros.reconstruction.absences import assumed_calm
@@ -49,6 +53,7 @@ from aircraft_sysid_ros.run_reader import (
     SAMPLES,
     UNREADABLE,
     calm_air_of,
+    estimator_of,
     late_surfaces_of,
     not_a_run,
     read_parameters,
@@ -57,6 +62,8 @@ from aircraft_sysid_ros.run_reader import (
 )
 from aircraft_sysid_ros.samples import Samples
 from aircraft_sysid_ros.text_file import locked
+
+Array = npt.NDArray[np.float64]
 
 MODELS, CURRENT, VERSION = "models", "model.json", "version.json"
 #: Of a version: it names a folder of the run and nothing beyond.
@@ -307,8 +314,7 @@ def run_data(run: Run, version: Version) -> RunData:
             f"{PARAMETERS} of the model version {version.identifier} in {run.path} is damaged: remove that version "
             "and add the effect again"
         ) from None
-    pipeline = Pipeline(version.aircraft, StateOptions(calm_air=run.calm_air))
-    points = np.vstack([pipeline.push(run.samples)[1], pipeline.flush()[1]])
+    pipeline, points = _flown(run, version.aircraft)
     if pipeline.state.epoch is None:
         raise InputError(f"the filter does not start on the samples of {run.path}: replay says why")
     state = pipeline.state.summary()
@@ -323,6 +329,23 @@ def run_data(run: Run, version: Version) -> RunData:
         calm_air=run.calm_air,
         noise=pipeline.parameters.learning.noise_of(points),
     )
+
+
+def learnt(run: Run, aircraft: Aircraft) -> dict[str, Any]:
+    """The content of parameters.json with another model: what ``replay`` learns from the run's samples with it."""
+    if run.samples is None:
+        why = "the run holds no samples to learn it from: replay the recording again"
+        unknown = {"value": np.nan, "std": np.nan, "status": Trust.HOLD.name, "reason": why}
+        return {"parameters": [{"name": name, **unknown} for name in aircraft.model.parameter_names]}
+    return parameters_json(_flown(run, aircraft)[0].parameters)
+
+
+def _flown(run: Run, aircraft: Aircraft) -> tuple[Pipeline, Array]:
+    """The live chain after all samples of a run, and its points."""
+    assert run.samples is not None
+    options = ParameterOptions(estimator=estimator_of(run.path))
+    pipeline = Pipeline(aircraft, StateOptions(calm_air=run.calm_air), options)
+    return pipeline, np.vstack([pipeline.push(run.samples)[1], pipeline.flush()[1]])
 
 
 def _comes_back(place: Path, content: Mapping[str, Any]) -> bool:
@@ -345,16 +368,15 @@ def changing(path: str | Path) -> Iterator[None]:
         yield
 
 
-def write_version(
-    run: Run, version: Version, parameters: Sequence[Mapping[str, Any]], errors: Mapping[str, Any]
-) -> None:
-    """Store a version and make it the current one. Raises InputError where it cannot be written.
+def write_version(run: Run, version: Version, parameters: Mapping[str, Any], errors: Mapping[str, Any]) -> None:
+    """Store a version with its ``learnt`` parameters, and make it the current one. InputError where that cannot be.
 
     One that comes back, as by an undo, keeps what it was made from, and its place in the history: a version that was
     made from its own descendant would send whoever follows the history round in a circle.
     """
     source = dict(version.aircraft.source)
-    fitted = {p["name"]: float(p["value"]) for p in parameters if np.isfinite(p["value"])}
+    found = {p["name"]: p["value"] for p in parameters["parameters"]}
+    fitted = {name: float(value) for name, value in found.items() if value is not None and np.isfinite(value)}
     source["coefficients"] = {**version.aircraft.coefficients, **fitted}
     content = {
         "model": version.identifier,
@@ -370,7 +392,7 @@ def write_version(
             new.mkdir()
             text = yaml.safe_dump(source, sort_keys=False, explicit_end=True)
             (new / AIRCRAFT).write_text(text, encoding="utf8")
-            listed = {"model": version.identifier, "parameters": list(parameters)}
+            listed = {**parameters, "model": version.identifier}
             (new / PARAMETERS).write_text(json_text(listed) + "\n", encoding="utf8")
             (new / VERSION).write_text(json_text(content) + "\n", encoding="utf8")
             load_aircraft(new / AIRCRAFT)
