@@ -305,6 +305,11 @@ class FlightDiagnosis:
         left = self.diagnosis.left
         if left:
             parts = [f"{e:.0%} of {a[0]}_{a[1]} ({n:.0f} times what noise makes of it)" for a, (e, n) in left.items()]
+            if "CX" in left and self.diagnosis.bench.data.lacks({"Tc"}):
+                yield (
+                    "Thrust is not measured, and a throttle alone tells it badly, most of all of an engine whose speed "
+                    "takes its time: record thrust or propeller speed before C_X is believed."
+                )
             yield (
                 f"The model leaves {listed(parts)}, which neither an effect nor an expression explains: look at what "
                 "it is given first (deflections that are commands, clocks that differ, an input that is not recorded)."

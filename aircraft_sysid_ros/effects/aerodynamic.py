@@ -219,6 +219,22 @@ EFFECTS: tuple[Effect, ...] = (
         "Throttle steps with wings level.",
     ),
     Effect(
+        "propeller_thrust",
+        "Thrust that falls with airspeed",
+        AERODYNAMIC,
+        "At the same throttle δ a propeller pulls less the faster it flies, T = δ (T₀ - k V). Its part of C_X is no "
+        "constant times the throttle then, but falls with dynamic pressure and with speed.",
+        "B. McCormick, Aerodynamics, Aeronautics and Flight Mechanics; J. Roskam and C. Lan, Airplane Aerodynamics and "
+        "Performance",
+        "C_X += a δ / q̄ + b δ / V",
+        (
+            Variant("static", {"CX": ("throttle/qbar",)}),
+            Variant("falls with speed", {"CX": ("throttle/qbar", "throttle/V")}),
+        ),
+        "Error of C_X that follows the throttle, and turns its sign between low and high speed.",
+        "Throttle steps at several speeds.",
+    ),
+    Effect(
         "propeller_gyroscopic",
         "Gyroscopic moments of the propeller",
         AERODYNAMIC,

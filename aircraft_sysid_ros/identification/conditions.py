@@ -34,11 +34,17 @@ def needs(names: Sequence[str]) -> str:
 TELL_FLOW = "fit a vane, or fly more turns at several speeds in calmer air"
 
 
+_OF_THROTTLE = "throttle/qbar, throttle/V"
+
+
 def throttle_instead(terms: Mapping[str, Sequence[str]]) -> str:
-    """Terms by axis that read the throttle where those of a model read a thrust, as an aircraft file says them."""
+    """Terms by axis that read the throttle where those of a model read a thrust, as an aircraft file says them.
+
+    Thrust falls with speed, T = throttle (T0 - k V), and its coefficient is T / (qbar S).
+    """
     reads = {axis: texts for axis, texts in terms.items() if "Tc" in texts}
     return "; ".join(
-        f"{axis}: [{', '.join('throttle' if text == 'Tc' else text for text in texts)}]"
+        f"{axis}: [{', '.join(_OF_THROTTLE if text == 'Tc' else text for text in texts)}]"
         for axis, texts in reads.items()
     )
 

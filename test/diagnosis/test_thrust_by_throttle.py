@@ -1,0 +1,50 @@
+"""A throttle in the place of a thrust that nobody measures: what it does not tell is named, and no gear or tow line."""
+
+from __future__ import annotations
+
+from copy import deepcopy
+
+import numpy as np
+import pytest
+
+from aircraft_sysid_ros.aircraft.configuration import aircraft_from_dict
+from aircraft_sysid_ros.diagnosis.flight_diagnosis import diagnose_flight
+from aircraft_sysid_ros.diagnosis.search.fit import fits_of
+from aircraft_sysid_ros.effects import BY_ID
+from aircraft_sysid_ros.identification.conditions import throttle_instead
+from aircraft_sysid_ros.samples import CONTROL_COLUMNS, Kind
+from aircraft_sysid_ros.simulation.simulated_flight import simulate_samples
+
+SOME = [BY_ID[name] for name in ("propeller_thrust", "landing_gear", "tow_line", "unrecorded_flaps", "sideslip_drag")]
+
+
+@pytest.fixture(scope="module")
+def flown(aircraft):
+    """Samples at several speeds, without the thrust."""
+    samples = simulate_samples(aircraft, 31, 100.0, manoeuvres="speeds", turbulence="light").samples
+    samples.values[samples.kind == Kind.CONTROLS, CONTROL_COLUMNS.index("Tc")] = np.nan
+    return samples
+
+
+def with_drag(aircraft, *terms):
+    source = deepcopy(aircraft.source)
+    del source["coefficients"]
+    source["model"] = {"CX": [1, "alpha", "alpha**2", "q", "de", *terms]}
+    return aircraft_from_dict(source)
+
+
+def test_thrust_that_falls_with_speed_is_named_and_lowers_the_error_to_the_noise(aircraft, flown):
+    found = diagnose_flight(with_drag(aircraft, "throttle"), flown, SOME, replicas=4)
+    assert found.json["verdict"] == "missing"
+    (named,) = [c for c in found.json["candidates"] if c["found"]]
+    assert named["effect"] == "propeller_thrust"
+    added = found.flight.under(with_drag(aircraft, "throttle", "throttle/qbar", "throttle/V"))
+    before, after = (fits_of(flight)[0]["CX"].nrmse_held_out for flight in (found.flight, added))
+    assert after < 1.5 * found.diagnosis.floor["CX"] and after < 0.2 * before
+
+
+def test_with_the_terms_that_replay_advises_nothing_is_missing(aircraft, flown):
+    terms = throttle_instead({"CX": ["Tc"], "CZ": ["alpha"]})
+    assert terms == "CX: [throttle/qbar, throttle/V]"
+    found = diagnose_flight(with_drag(aircraft, "throttle/qbar", "throttle/V"), flown, SOME, replicas=4)
+    assert found.json["verdict"] == "none", found.json["advice"]
