@@ -131,7 +131,7 @@ def prior_of(first_seed: int) -> dict[str, Any]:
                 number, value, std = (np.array(column) for column in zip(*known, strict=True))
                 series["one", name] = Series(number, value, std, np.full(len(number), 20.0))
         path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(json.dumps(priors_of(series, [])["airframes"]["one"]), encoding="utf8")
+        path.write_text(json.dumps(priors_of(series, [], {"one": FLEET})["airframes"]["one"]), encoding="utf8")
     return dict(json.loads(path.read_text(encoding="utf8")))
 
 

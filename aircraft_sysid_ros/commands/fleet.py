@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import argparse
+import signal
 import sys
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -67,11 +69,22 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         def tell(what: str, count: int, total: int) -> None:
             progress.update(task, description=what, completed=count, total=total)
 
-        fleet = fly_fleet(asked, tell, _say)
+        with _ended_as_by_ctrl_c():
+            fleet = fly_fleet(asked, tell, _say)
     result = fleet.json
     if not fleet.ok:
         raise IncompleteError(f"none of {len(fleet.flown)} flights could be used, {_first_reason(fleet)}", result)
     return result
+
+
+@contextmanager
+def _ended_as_by_ctrl_c() -> Iterator[None]:
+    """What SIGTERM ends says what is done, and leaves no folders of half a flight behind."""
+    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
 
 
 def _say(text: str) -> None:

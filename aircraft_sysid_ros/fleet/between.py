@@ -86,7 +86,8 @@ def between_flights(tables: Mapping[str, Sequence[Row]], flown: Sequence[Flown])
     parameters, sensors = all_series(tables, flown)
     series = {**parameters, **sensors}
     changes = _changes(series, flown)
-    effects, priors = _effects(tables["verdicts"], flown), priors_of(parameters, changes)
+    count = Counter(each.flight.airframe for each in flown if each.answer["ok"])
+    effects, priors = _effects(tables["verdicts"], flown), priors_of(parameters, changes, count)
     return Between(changes, _airframes(series), effects, priors, max(map(len, series.values()), default=0))
 
 

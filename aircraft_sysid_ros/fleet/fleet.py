@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 import shlex
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -26,6 +28,8 @@ from aircraft_sysid_ros.fleet.page import require_jinja2, write_page
 from aircraft_sysid_ros.fleet.priors import write_priors
 from aircraft_sysid_ros.fleet.results import RUNS, Results
 from aircraft_sysid_ros.fleet.tables import Flown, in_order, require_pyarrow, tables_of, write_tables
+from aircraft_sysid_ros.flight_check.finding import ERROR
+from aircraft_sysid_ros.identification.trust import Trust
 
 #: What the process of a flight finds loaded.
 _WORK = Work(answer_of, (), ("aircraft_sysid_ros.fleet.warm", "aircraft_sysid_ros.fleet.flight_task"))
@@ -43,6 +47,11 @@ class Asked:
     runs: bool = False
     scheduler: str | None = None
     workers: int | None = None
+
+
+#: Names of flights that a note lists.
+_MOST_NAMED = 5
+_GIVE_START = "what changes from flight to flight rests on it; give `start` in a list of the flights"
 
 
 @dataclass(frozen=True)
@@ -64,6 +73,40 @@ class Fleet:
     def losses(self) -> list[str]:
         """What could not be read of flights that were used, a sentence each."""
         return [f"{f.flight.name}: {loss}" for f in self.flown for loss in f.answer.get("losses", ())]
+
+    @property
+    def doubts(self) -> list[str]:
+        """What makes the order of the flights uncertain, and what flights that were used have not given."""
+        notes = []
+        for airframe, group in itertools.groupby(self.flown, key=lambda f: f.flight.airframe):
+            starts = Counter(f.start for f in group if f.answer["ok"])
+            undated, alike = starts.pop(None, 0), [n for n in starts.values() if n > 1]
+            if undated > 1 or (undated and starts):
+                notes.append(
+                    f"{undated} flights of {airframe} have no date: they come last, in the order of their names; "
+                    f"{_GIVE_START}"
+                )
+            if alike:
+                notes.append(
+                    f"{sum(alike)} flights of {airframe} begin at the same time as another one: their order is that of "
+                    f"their names; {_GIVE_START}"
+                )
+        silent = [f.flight.name for f in self.flown if f.answer["ok"] and not _is_used(f)]
+        if silent:
+            listed = ", ".join(silent[:_MOST_NAMED])
+            more = f" and {len(silent) - _MOST_NAMED} more" if len(silent) > _MOST_NAMED else ""
+            notes.append(f"{len(silent)} of {self.ok} flights gave no parameter to USE: {listed}{more}")
+        return notes
+
+    @property
+    def errors(self) -> list[str]:
+        """Errors that ``check`` found in flights that were used, a sentence each."""
+        return [
+            f"{f.flight.name}: {finding['signal']}: {finding['sentence']}"
+            for f in self.flown
+            for finding in f.answer.get("findings", ())
+            if f.answer["ok"] and finding["severity"] == ERROR
+        ]
 
     @property
     def faulty(self) -> list[dict[str, Any]]:
@@ -91,8 +134,12 @@ class Fleet:
             "verdicts": self.faulty,
             "false_discovery_rate": self.between.rate,
             "page": str(self.out / "fleet.html"),
-            "notes": [*self.notes, *self.losses],
+            "notes": [*self.notes, *self.doubts, *self.losses, *self.errors],
         }
+
+
+def _is_used(flown: Flown) -> bool:
+    return any(p["status"] == Trust.USE.name for p in flown.answer.get("parameters", ()))
 
 
 def fly_fleet(asked: Asked, tell: Callable[[str, int, int], None], say: Callable[[str], None]) -> Fleet:

@@ -28,6 +28,7 @@ AUTOPILOTS = (".ulg", ".ulog", ".bin", ".tlog")
 LOGS = (*AUTOPILOTS, ".mat", ".data")
 TABLES = (".csv", ".tsv", ".txt", ".parquet", ".h5", ".hdf5", ".xlsx")
 LISTS = (".yaml", ".yml", ".csv")
+_LONGEST_HEAD = 4096
 #: What a list says of a flight; only the recording must be there.
 KEYS = ("recording", "name", "airframe", "aircraft", "start", "map", "servos", "calm_air")
 #: What stands for the airframe in the names of files.
@@ -113,7 +114,7 @@ def _check_files(flight: Flight, checked: set[Path]) -> None:
 def _of_source(source: str, files: Files, out: Path) -> Iterator[Flight]:
     """Flights of one SOURCE."""
     path, endings = Path(source), (*RECORDINGS, *LOGS, *(TABLES if files.map else ()))
-    if path.is_file() and path.suffix.lower() in LISTS and path.suffix.lower() not in endings:
+    if path.is_file() and path.suffix.lower() in LISTS and (path.suffix.lower() not in endings or _is_list(path)):
         yield from _of_list(path, files)
         return
     if path.exists():
@@ -129,6 +130,16 @@ def _of_source(source: str, files: Files, out: Path) -> Iterator[Flight]:
             if recording not in seen:
                 seen.add(recording)
                 yield _found(recording, base.absolute(), files)
+
+
+def _is_list(path: Path) -> bool:
+    """Whether a table lists recordings and is none."""
+    try:
+        with path.open(encoding="utf8", errors="replace", newline="") as file:
+            head = next(csv.reader([file.readline(_LONGEST_HEAD)]), [])
+    except (OSError, csv.Error):  # said where it is read
+        return False
+    return KEYS[0] in (name.strip() for name in head)
 
 
 def _fixed_part(pattern: str) -> Path:

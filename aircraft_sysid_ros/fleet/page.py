@@ -83,7 +83,7 @@ def _date(start: int | None) -> str:
 def _change(row: Mapping[str, Any], airframes: Iterable[Mapping[str, Any]]) -> dict[str, Any]:
     of = (row["airframe"], row["parameter"])
     mean = next((a["value"] for a in airframes if (a["airframe"], a["parameter"]) == of), 0.0)
-    share = f"{100.0 * row['size'] / abs(mean):+.2g} %".replace("-", "−") if mean else "–"
+    share = f"{100.0 * row['size'] / mean:+.2g} %".replace("-", "−") if mean else "–"
     return {**row, "date": _date(row["when"]), "share": share}
 
 

@@ -39,14 +39,17 @@ _NORMAL = 1.96
 SeriesOf = dict[tuple[str, str], Series]  # by airframe and parameter
 
 
-def priors_of(series: SeriesOf, changes: Sequence[Row]) -> dict[str, Any]:
-    """The content of the file: of each airframe the key ``prior`` of an aircraft file, and of one that is not known."""
+def priors_of(series: SeriesOf, changes: Sequence[Row], flown: Mapping[str, int]) -> dict[str, Any]:
+    """The content of the file: of each airframe the key ``prior`` of an aircraft file, and of one that is not known.
+
+    ``flown``: flights of each airframe that could be used.
+    """
     changed = {(row["airframe"], row["parameter"]): row for row in changes}
     airframes: dict[str, dict[str, list[float]]] = defaultdict(dict)
     means: dict[str, list[Mean]] = defaultdict(list)
     flights: dict[str, int] = defaultdict(int)
     for (airframe, parameter), one in series.items():
-        if (expected := expected_of(one, changed.get((airframe, parameter)))) is not None:
+        if (expected := expected_of(one, changed.get((airframe, parameter)), flown[airframe])) is not None:
             airframes[airframe][parameter] = [*expected]
             flights[airframe] = max(flights[airframe], len(one))
         if (mean := mean_of(one)) is not None:
@@ -64,12 +67,12 @@ def _prior(flights: str, parameters: Mapping[str, Sequence[float]]) -> dict[str,
     return {"flights": flights, "parameters": {name: [*pair] for name, pair in parameters.items()}}
 
 
-def expected_of(series: Series, change: Row | None) -> tuple[float, float] | None:
-    """Value and standard deviation of the next flight of a series; None where its flights are too few.
+def expected_of(series: Series, change: Row | None, flown: int) -> tuple[float, float] | None:
+    """Value and standard deviation of flight number ``flown``, the next; None where the flights are too few.
 
     ``change``: the row of ``changes`` that is named for the series, with ``number`` of its first flight.
     """
-    ahead = series.number - series.number[-1] - 1.0  # 0 is the next flight
+    ahead = series.number - float(flown)
     if change is None:
         columns = np.ones((len(series), 1))
     elif change["kind"] == DRIFT:

@@ -6,6 +6,7 @@ The rows depend on the flights and their answers alone, and so does every byte o
 from __future__ import annotations
 
 import itertools
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,6 +22,8 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 Row = dict[str, Any]
+#: Stamps [ns] before this day, 2000-01-03, are of a clock that was not set.
+_NO_DATE = 946_857_600_000_000_000
 #: Columns of the tables by name, with their types in pyarrow.
 _FLIGHT = {"flight": "string", "airframe": "string", "start": "time"}
 COLUMNS: dict[str, dict[str, str]] = {
@@ -60,8 +63,14 @@ class Flown:
 
     @property
     def start(self) -> int | None:
-        """When it began [ns] UTC: what the list says, or the recording; None where nothing says so."""
-        return self.flight.start if self.flight.start is not None else self.answer.get("start")
+        """When it began [ns] UTC: what the list says, or the recording; None where nothing says so.
+
+        A clock that nobody set counts from 1970, and a table without a date from 2000.
+        """
+        if self.flight.start is not None:
+            return self.flight.start
+        recorded = self.answer.get("start")
+        return None if recorded is None or recorded < _NO_DATE else recorded
 
     @property
     def head(self) -> Row:
@@ -70,8 +79,14 @@ class Flown:
 
 
 def in_order(flown: Sequence[Flown]) -> list[Flown]:
-    """Flights by airframe and time; those of which no time is known come last."""
-    return sorted(flown, key=lambda f: (f.flight.airframe, f.start is None, f.start or 0, f.flight.name))
+    """Flights by airframe and time, and by name where that is the same: f10 after f9; without a time they come last."""
+    return sorted(flown, key=lambda f: (f.flight.airframe, f.start is None, f.start or 0, _by_numbers(f.flight.name)))
+
+
+def _by_numbers(name: str) -> list[tuple[str, int]]:
+    """What orders names by the numbers in them."""
+    parts = re.split(r"([0-9]+)", name)
+    return [(text, int(number or 0)) for text, number in itertools.zip_longest(parts[::2], parts[1::2])]
 
 
 def tables_of(flown: Sequence[Flown]) -> dict[str, list[Row]]:

@@ -22,6 +22,7 @@ from aircraft_sysid_ros.fleet.page import _Scale, _scatter
 from aircraft_sysid_ros.fleet.results import Results
 
 DAY = 86_400 * 10**9
+BEGIN = 20_000 * DAY
 HOSTILE = "<script>alert(1)</script>"
 COLUMNS = {  # of INTERFACE.md
     "flights": ["flight", "airframe", "start", "ok", "reason"],
@@ -49,7 +50,7 @@ def answer(recording):
     sensors = [{"name": "airspeed.scale", "value": float(s) + 0.004 * rng.normal(), "std": 0.004} for s in scale]
     found = {"effect": "stall", "label": HOSTILE, "axes": ["CZ", "Cm"], "p_value": 0.001}
     return {
-        "ok": True, "reason": "", "duration": 1800.0, "start": int(number) * DAY,
+        "ok": True, "reason": "", "duration": 1800.0, "start": BEGIN + int(number) * DAY,
         "parameters": [{**p, "V": 20.0, "alpha": 0.05} for p in parameters],
         "sensors": [{**s, "status": "USE"} for s in sensors],
         "axes": {"Cm": {"nrmse_fit": 0.1, "nrmse_held_out": 0.2, "noise_floor": 0.1, "white": None}},
@@ -103,7 +104,7 @@ def test_what_changes_is_found_and_shown(place, flown):
     assert all(list(tables[name].columns[: len(columns)]) == columns for name, columns in COLUMNS.items())
     (change,) = tables["changes"].to_dict("records")
     assert (change["airframe"], change["parameter"], change["kind"], change["flight"]) == ("A", "Cm_de", "jump", "A/6")
-    assert change["when"] == pd.Timestamp(6 * DAY, tz="UTC")
+    assert change["when"] == pd.Timestamp(BEGIN + 6 * DAY, tz="UTC")
     assert change["size"] == pytest.approx(0.1, abs=3.0 * change["std"]) and change["std"] < 0.01
     assert tables["flights"].query("not ok").reason.tolist() == [f"{HOSTILE} is damaged"]
     assert (tables["verdicts"].query("airframe == 'B'").effect == "stall").all()
@@ -120,6 +121,45 @@ def test_what_changes_is_found_and_shown(place, flown):
     page = (out / "fleet.html").read_text()
     assert "Cm_de" in page and "A/6" in page and HOSTILE not in page and "&lt;script&gt;alert(1)" in page
     json.dumps(fleet.json)
+
+
+@pytest.mark.parametrize("begin", [BEGIN, 0])
+def test_flights_with_one_start_or_none_are_in_the_order_of_the_numbers_in_their_names(
+    place, flown, monkeypatch, begin
+):
+    """f10 came before f2, the drift was lost, and nothing was said."""
+    for k in range(13):
+        (place / "flights" / "A" / f"f{k}.mcap").write_text(f"{k} A {-1.0 + 0.01 * k}")
+    for k in range(10):
+        (place / "flights" / "A" / f"{k}.mcap").unlink()
+    dated = module_answer(begin)
+    monkeypatch.setitem(globals(), "answer", dated)
+    fleet, _ = fly(place)
+    (change,) = fleet.json["changes"]
+    assert (change["airframe"], change["kind"]) == ("A", "drift")
+    assert change["size"] == pytest.approx(0.01, abs=3.0 * change["std"]) and change["std"] < 0.002
+    said = [note for note in fleet.json["notes"] if "of A" in note]
+    words = "13 flights of A begin at the same time" if begin else "13 flights of A have no date"
+    assert len(said) == 1 and said[0].startswith(words) and "`start` in a list" in said[0]
+
+
+def module_answer(begin):
+    """``answer``, with one start for all."""
+    made = answer
+    return lambda recording: {**made(recording), "start": begin}
+
+
+def test_what_flights_have_not_given_and_errors_of_their_check_are_notes(place, flown, monkeypatch):
+    for k in (2, 3):
+        (place / "flights" / "B" / f"{k}.mcap").write_text(f"{k} B ~-1.0")
+    wrong = {"signal": "true_airspeed", "kind": "scale", "severity": "error", "sentence": "it is half of what it was"}
+    made = answer
+    faulty = lambda recording: {**made(recording), "findings": [wrong] if recording.stem == "2" else []}  # noqa: E731
+    monkeypatch.setitem(globals(), "answer", faulty)
+    fleet, _ = fly(place)
+    assert "2 of 20 flights gave no parameter to USE: B/2, B/3" in fleet.json["notes"]
+    assert "B/2: true_airspeed: it is half of what it was" in fleet.json["notes"]
+    assert not any(" begin at the same time" in note or "no date" in note for note in fleet.json["notes"])
 
 
 def test_a_scale_that_creeps_from_flight_to_flight_is_found_and_no_parameter_of_the_next_flight(place, flown):

@@ -139,8 +139,9 @@ def test_a_folder_of_tables_that_say_what_they_are_is_one_flight(place):
     assert (alone.name, alone.airframe) == ("log", "N1")  # and not "."
 
 
+@pytest.mark.parametrize("with_map", [False, True])
 @pytest.mark.parametrize("ending", ["yaml", "csv"])
-def test_a_list(place, ending):
+def test_a_list(place, ending, with_map):
     if ending == "yaml":
         text = "- {recording: fleet/N1/1.mcap, name: first, airframe: A, start: 2026-05-31T14:30:00Z}\n"
         text += "- {recording: fleet/N2/3.ulg, aircraft: N2.yaml}\n"
@@ -148,7 +149,8 @@ def test_a_list(place, ending):
         text = "recording,name,airframe,start,aircraft\n"
         text += "fleet/N1/1.mcap,first,A,2026-05-31 14:30:00,\nfleet/N2/3.ulg,,,,N2.yaml\n"
     (place / f"list.{ending}").write_text(text)
-    first, second = flights_of([str(place / f"list.{ending}")], Files(str(place / "one.yaml")), place / "out")
+    files = Files(str(place / "one.yaml"), map=str(place / "one.yaml") if with_map else None)
+    first, second = flights_of([str(place / f"list.{ending}")], files, place / "out")
     assert (first.name, first.airframe, first.start) == ("first", "A", 1_780_237_800_000_000_000)
     assert first.recording == place / "fleet/N1/1.mcap" and first.aircraft.name == "one.yaml"
     assert (second.name, second.airframe, second.start, second.aircraft.name) == ("N2/3", "N2", None, "N2.yaml")
