@@ -3,12 +3,16 @@
     d(alpha)/dt = q - tan(beta) (p cos(alpha) + r sin(alpha)) + (f_z + g_z)/V,
     d(beta)/dt = p sin(alpha) - r cos(alpha) + (f_y + g_y)/V,
 
-in a band in which gravity hardly changes, each term with a factor that should be 1. They hold at the IMU; a vane
-elsewhere also sees dp/dt, dq/dt and dr/dt, which is taken off where an aircraft file says where it is. And a sideslip
-to the right pushes to the left, an angle of attack up: signs of C_Y,beta and C_Z,alpha that every aeroplane has.
+in a band in which pitch hardly changes gravity, each of the other terms with a factor that should be 1. A roll changes
+g_y/V by g/V times its integral, and d(beta)/dt by p sin(alpha): both are fitted beside them. They hold at the IMU; a
+vane elsewhere also sees dp/dt, dq/dt and dr/dt, which is taken off where an aircraft file says where it is. And a
+sideslip to the right pushes to the left, an angle of attack up: signs of C_Y,beta and C_Z,alpha that every aeroplane
+has.
 """
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -47,8 +51,13 @@ def relations(motion: Motion) -> list[Relation]:
     over_speed = _over_speed(motion)
     p, q, r = motion.gyro.T
     alpha, beta = motion.angles_at_imu
-    down = _vane(motion, "angle_of_attack", alpha, (GYRO[1], q), (FORCE[2], over_speed[:, 2]), (p, q))
-    side = _vane(motion, "sideslip", beta, (GYRO[2], -r), (FORCE[1], over_speed[:, 1]), (p, r))
+    slope = motion.grid.slope
+    with np.errstate(invalid="ignore", divide="ignore"):
+        bank = np.cumsum(np.nan_to_num(p)) * motion.grid.step / motion.speed
+    rolls = [motion.grid.as_slope(p), motion.grid.as_slope(bank)]
+    down = _vane(motion, "angle_of_attack", alpha, (GYRO[1], q), (FORCE[2], over_speed[:, 2]), [slope(p), slope(q)])
+    beside = [slope(p), slope(r), *rolls]
+    side = _vane(motion, "sideslip", beta, (GYRO[2], -r), (FORCE[1], over_speed[:, 1]), beside)
     return down + side
 
 
@@ -63,7 +72,7 @@ def _vane(
     angle: Array,
     rate: tuple[str, Array],
     force: tuple[str, Array],
-    arms: tuple[Array, Array],
+    beside: Sequence[Array],
 ) -> list[Relation]:
     grid = motion.grid
     short = max(_SHORT, 4.0 * grid.step)
@@ -73,7 +82,7 @@ def _vane(
 
     measured = band(grid.slope(angle))
     terms = [band(grid.as_slope(v)) for v in (rate[1], force[1])]
-    nuisance = [band(grid.slope(v)) for v in arms]
+    nuisance = [band(v) for v in beside]
     found = []
     solved = regress(measured, np.column_stack([*terms, *nuisance]), grid.step)
     if solved is not None:
