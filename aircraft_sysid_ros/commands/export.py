@@ -29,6 +29,9 @@ from aircraft_sysid_ros.text_file import write_new, write_whole
 _FULL = "degrees of elevator, aileron and rudder at full command, such as 25,20,30"
 _LARGEST_DEFLECTION = 90.0  # [deg]
 
+#: A surface goes no further than at full command, times this.
+_OVER = 1.25
+
 
 def add_parser(subparsers: Any) -> argparse.ArgumentParser:
     """Add the command; returns its parser."""
@@ -58,6 +61,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     out, full = checked_out(args.out, target.suffix, args.overwrite), full_deflection(args.full_deflection)
     opened = open_run(args.run)
     learnt = chosen_model(opened, args.model)
+    check_travel(learnt, full)
     exported = target.write(learnt, full, version)
     write(out, exported.content, args.overwrite)
     return {
@@ -152,6 +156,18 @@ def full_deflection(text: str | None) -> npt.NDArray[np.float64] | None:
     if len(degrees) != 3 or not all(math.isfinite(d) and 0.0 < d <= _LARGEST_DEFLECTION for d in degrees):
         raise InputError(f"--full-deflection {text[:40]}: give three positive {_FULL}")
     return np.radians(degrees)
+
+
+def check_travel(learnt: LearntModel, full: npt.NDArray[np.float64] | None) -> None:
+    """Raises InputError where surfaces went further in the flight than at full command: those are no degrees."""
+    if full is None:
+        return
+    for name, flown, most in zip(("elevator", "aileron", "rudder"), *np.degrees([reached(learnt), full]), strict=True):
+        if flown > _OVER * most:
+            raise InputError(
+                f"--full-deflection says {most:.3g} deg of {name} at full command, and it went to {flown:.3g} deg in "
+                "this flight: give degrees, and how far it goes"
+            )
 
 
 def write(out: Path, content: str | bytes, overwrite: bool) -> None:

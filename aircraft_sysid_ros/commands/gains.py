@@ -14,6 +14,7 @@ import numpy as np
 from aircraft_sysid_ros.commands.export import (
     about,
     add_model_options,
+    check_travel,
     checked_out,
     chosen_model,
     full_deflection,
@@ -63,6 +64,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     out = None if args.out is None else checked_out(args.out, SUFFIXES[args.to], args.overwrite)
     opened = open_run(args.run)
     learnt = chosen_model(opened, args.model)
+    check_travel(learnt, full)
     actuator = actuator_of(learnt.aircraft, opened.late_surfaces(learnt.aircraft))
     found = gains(learnt, args.to, full, replace(actuator, **asked))
     if out is not None:

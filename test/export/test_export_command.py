@@ -166,3 +166,12 @@ def test_gains_ask_for_the_travel_of_the_surfaces_and_for_an_actuator_that_can_b
     assert "--full-deflection" in refused(capsys, "gains", exported_run, "--to", "px4")
     words = ("gains", exported_run, "--to", "px4", "--full-deflection", "25,20,30", "--actuator-lag", "nan")
     assert "--actuator-lag" in refused(capsys, *words)
+
+
+@pytest.mark.parametrize("command", [("gains",), ("export", "--out", "a.params")])
+def test_a_travel_in_radians_is_no_full_deflection(exported_run, capsys, tmp_path, monkeypatch, command):
+    """Trims of -1.57 and a feed-forward of 20.7 were written without a word."""
+    monkeypatch.chdir(tmp_path)
+    words = (command[0], exported_run, "--to", "px4", *command[1:], "--full-deflection", "0.436,0.436,0.436")
+    said = refused(capsys, *words)
+    assert "0.436 deg of elevator" in said and "give degrees" in said and not [*tmp_path.iterdir()]
