@@ -127,7 +127,7 @@ CASES = (
     Case("aft centre of gravity", ("balance",), ("centre of gravity",), fly=_aft),
     Case("halved aileron", ("control_damage", "stuck_control"), ("control surface",), fly=_half_aileron),
     Case("stall", ("stall", "dynamic_stall"), ("Stall",), fly=_with(hidden=[("stall", 1.0)])),
-    Case("late controls", ("check offset", "actuator_lag"), ("elevator", "aileron", "rudder", "ctuator"),
+    Case("late controls", ("check offset", "actuator_lag", "late_controls"), ("elevator", "aileron", "rudder", "ctuator"),
          log=_late_controls),
     Case("nothing", ("nothing",), ("Nothing",)),
     Case("wrong units", ("check unit",), ("divide", "unit"), log=_wrong_units),

@@ -69,6 +69,8 @@ _LATE = ("delay", "lag")
 _CONTROL_DELAY = ("sensors", CONTROLS, "delay")
 #: The delay that stands for a lag, over it: until half of a step is done. How far [s] from there it is looked for.
 _DELAY_OF_LAG, _NEAR = float(np.log(2.0)), 0.05
+#: Steps [s] in which a delay of the controls is looked for where none is better than none near it.
+_FAR = 0.05
 #: Its rival, and the shares of a delay of the controls that the IMU is tried to be late by.
 IMU_LAG, _IMU_DELAY, _SHARES = "imu_lag", ("sensors", "imu", "delay"), (0.4, 0.6, 0.8, 1.0)
 #: A probe ahead is early where a late one is not: of the two one alone stands for both, so that the place is looked for
@@ -357,8 +359,9 @@ def maximum(
 ) -> tuple[float, float, float]:
     """Place and value of the largest of a smooth function between limits, looked for from ``start``, and its curvature.
 
-    Parabolas through the three best points, as long as they promise more than ``least``.
+    Parabolas through the three best points, as long as they promise more than ``least``. A start beyond a limit is one.
     """
+    low, high = min(low, start), max(high, start)
     width = (high - low) / 8.0
     places = sorted({float(np.clip(p, low, high)) for p in (start - width, start, start + width)})
     if len(places) < 3:  # the start is at a limit
@@ -428,6 +431,11 @@ def _try_controls(job: Job) -> Setting:
         beside = ((_CONTROL_DELAY, float(f"{delays[value]:.4g}")),)
     else:
         value, best, curvature = maximum(gain, start, inner.low, inner.high, 0.5 * needed)
+        if best <= 0.0:  # a delay that is longer than a doublet takes is past a valley
+            far = np.arange(inner.low, inner.high + 0.5 * _FAR, _FAR)
+            again = max(map(float, far[np.abs(far - start) > _FAR]), key=gain, default=start)
+            if gain(again) > 0.5 * needed:
+                value, best, curvature = maximum(gain, again, inner.low, inner.high, 0.5 * needed)
     std = float(1.0 / np.sqrt(curvature)) if curvature > 0.0 else np.nan
     if best > needed:  # as much the other way
         moved = value - start if variant.setting[-1] == "lag" else start - value

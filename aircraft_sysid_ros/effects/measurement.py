@@ -231,6 +231,19 @@ EFFECTS: tuple[Effect, ...] = (
         (ShapeParameter("delay", "s", -0.25, 0.0, 11),),
     ),
     Effect(
+        "late_controls",
+        "Surfaces recorded late",
+        MEASUREMENT,
+        "A recorder that buffers, filters or polls the deflections stamps them some hundredths of a second after the "
+        "surface was there. Rates then seem to act before the surface that makes them.",
+        "R. Jategaonkar, Flight Vehicle System Identification; V. Klein and E. Morelli, Aircraft System Identification",
+        "δ(t) = δ_recorded(t + τ)",
+        (Variant(setting=("sensors", "control_surfaces", "delay")),),
+        "Errors of C_m, C_l and C_n that are the rate of change of the surface.",
+        "Doublets and 3-2-1-1 with sharp edges.",
+        (ShapeParameter("delay", "s", 0.0, 0.25, 11),),
+    ),
+    Effect(
         "wind_change",
         "Wind that changes faster than assumed",
         MEASUREMENT,

@@ -13,11 +13,13 @@ from aircraft_sysid_ros.diagnosis.measurement import (
     imu_explains,
     in_file,
     jobs_of,
+    maximum,
     measurement_faults,
     try_setting,
     with_the_other,
 )
 from aircraft_sysid_ros.effects import BY_ID
+from aircraft_sysid_ros.effects.effect import with_setting
 from aircraft_sysid_ros.samples import Kind
 from aircraft_sysid_ros.sensors.sensor_models import SensorOptions
 from aircraft_sysid_ros.simulation.simulated_flight import simulate_samples
@@ -68,3 +70,30 @@ def test_a_delay_of_the_controls_must_explain_what_it_was_fitted_to():
     assert control_gain(before, {"Cl": (0.7, 0.69), "Cm": (0.5, 0.5)}) == pytest.approx(2.0 * np.log(0.7 / 0.69))
     assert control_gain(before, {"Cl": (0.55, 0.35), "Cm": (0.5, 0.5)}) == pytest.approx(2.0 * np.log(2.0))
     assert control_gain(before, {"Cl": (1.1, 0.7), "Cm": (0.5, 0.6)}) < 0.0
+
+
+@pytest.mark.parametrize(
+    ("late_by", "stated", "name"),
+    [(0.11, 0.0, "late_controls"), (0.11, 0.06, "late_controls"), (-0.12, 0.0, "actuator_lag")],
+)
+def test_a_long_delay_is_told_past_a_valley_and_beside_what_the_file_says(aircraft, late_by, stated, name):
+    """A downwash with a lag had been named; and a file with the delay that replay advises ended diagnose."""
+    samples = simulate_samples(aircraft, 33, 60.0, turbulence="light", manoeuvres="standard").samples
+    late = np.where(samples.kind == Kind.CONTROLS, round(1e9 * late_by), 0)
+    order = np.argsort(samples.stamp + late, kind="stable")
+    file = with_setting(aircraft, ("sensors", "control_surfaces", "delay"), stated)
+    flight, calm = reconstruct_as_flown(
+        file, replace(samples, stamp=samples.stamp + late)[order], with_covariance=False
+    )
+    library = [BY_ID["actuator_lag"], BY_ID["late_controls"]]
+    found = measurement_faults(flight, library, calm)[0]
+    assert (found.effect.identifier, found.value) == (name, pytest.approx(late_by, abs=0.01))
+    mended = replace(flight, aircraft=in_file(found, file))
+    assert mended.aircraft.sensors["control_surfaces"].delay == found.value
+    assert all(each.evidence < 1.0 for each in map(try_setting, jobs_of(mended, library, calm)))
+
+
+@pytest.mark.parametrize("start", [-0.3, 0.1])
+def test_a_search_may_begin_beyond_its_limits(start):
+    place, value, _ = maximum(lambda x: 1.0 - (x + 0.05) ** 2, start, -0.25, 0.0, 1e-9)
+    assert place == pytest.approx(-0.05, abs=1e-3) and value == pytest.approx(1.0, abs=1e-5)

@@ -262,7 +262,7 @@ def _balance(evidence: Evidence) -> Iterator[Said]:
 def _late(evidence: Evidence) -> Iterator[Said]:
     """Surfaces that come later than they are recorded, where no diagnosis and no check has said so."""
     found = {candidate["effect"] for candidate in _found(evidence)}
-    if evidence.late and not found & {*OF_SERVOS, "actuator_lag"} and not _has_late_surfaces(evidence):
+    if evidence.late and not found & {*OF_SERVOS, "actuator_lag", "late_controls"} and not _has_late_surfaces(evidence):
         words = late_words(evidence.late)
         yield Said("late", f"{words[0].upper()}{words[1:]}, as this flight shows: the parameters are freed of that.")
 

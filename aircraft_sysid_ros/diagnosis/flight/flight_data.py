@@ -88,13 +88,13 @@ class FlightData:
 
     @property
     def has_late_surfaces(self) -> bool:
-        """Whether surfaces come later than they are recorded, and no lag of their servos is known.
+        """Whether surfaces come at another time than they are recorded, and no lag of their servos is known.
 
         What a lag does beyond a delay is as quick as what a servo at its greatest rate does, and as the rate of a flow
         angle: of clean simulated flights with a lag of 0.05 s that was taken for a delay all three had been named.
         """
         servos = self.aircraft.sensors["control_surfaces"]
-        return servos.delay < 0.0 and not servos.lag > 0.0
+        return servos.delay != 0.0 and not servos.lag > 0.0
 
     @cached_property
     def begin(self) -> float:
