@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
+from aircraft_sysid_ros.aircraft.sensor_settings import CONTROLS
 from aircraft_sysid_ros.diagnosis.failures.failure import FailureReport
 from aircraft_sysid_ros.diagnosis.failures.failures import by_forces, failures_of, has_vanes
 from aircraft_sysid_ros.diagnosis.failures.words import notes_of, report_json
@@ -32,17 +33,21 @@ from aircraft_sysid_ros.identification.coefficients.pace import (
 from aircraft_sysid_ros.reconstruction.absences import assumed_calm, has_airspeed, options_after_flight
 from aircraft_sysid_ros.samples import Kind, Samples
 
-#: Said where surfaces come later than they are recorded.
+#: Said where surfaces come at another time than they are recorded.
 LATE_SURFACES = (
-    "surfaces come later than they are recorded: a delay fits that better than the lag of a servo does, but may stand "
-    "for more than a delay, so that a limit of its rate, free play and rates of the flow angles are not looked for "
-    "beside it; record deflections, or state `lag` of control_surfaces, the time constant of the servos, in the "
-    "aircraft file"
+    "surfaces come at another time than they are recorded: a delay fits that better than the lag of a servo does, but "
+    "may stand for more than a delay, so that a limit of its rate, free play and rates of the flow angles are not "
+    "looked for beside it; record deflections, or state `lag` of control_surfaces, the time constant of the servos, in "
+    "the aircraft file"
 )
-#: Said where the flight has shown the lag of the servos.
+#: Said where the flight has shown the lag of the servos, and where it is another one than the aircraft file states.
 FOUND_LAG = (
     "servos follow what is recorded with a lag that was found in this flight: a limit of their rate and free play are "
     "not looked for beside it; with `lag` of control_surfaces in the aircraft file they are"
+)
+OTHER_LAG = (
+    "servos follow what is recorded with another lag than the aircraft file states, as steps of slow records make it, "
+    "too: a limit of their rate and free play are not looked for beside it"
 )
 
 
@@ -101,7 +106,8 @@ def answer(
         return report_json(report, [*notes, f"the library was not searched: {error}"])
     said = [*notes, *found.flight.notes, *([] if report is None else notes_of(report))]
     said += [LATE_SURFACES] if found.flight.has_late_surfaces else []
-    said += [FOUND_LAG] if has_found_lag(found.settings) else []
+    if has_found_lag(found.settings):
+        said.append(OTHER_LAG if aircraft.sensors[CONTROLS].lag > 0.0 else FOUND_LAG)
     return {**found.json, "notes": said}
 
 

@@ -267,7 +267,9 @@ class FlightDiagnosis:
         for mended in self.settings:
             fault = mended.setting.effect
             if not mended.matters:
-                yield f"The aircraft file leaves out what is counted with here: {fault.name} (add {fault.identifier})."
+                stated = mended.setting.nominal != 0.0 and not mended.setting.is_place
+                says = "states another number than" if stated else "leaves out what"
+                yield f"The aircraft file {says} is counted with here: {fault.name} (add {fault.identifier})."
                 for other in mended.confounded_with:
                     yield f"It may as well be {BY_ID[other].name}; to separate them: {fault.manoeuvre}"
                 continue

@@ -7,6 +7,7 @@ import io
 import os
 import tempfile
 from collections.abc import Iterator
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -62,15 +63,24 @@ def read_dataflash(path: Path) -> LogContent:
     except Exception as error:  # pymavlink lets struct.error, KeyError and its own through
         raise InputError(f"it is not a readable DataFlash log ({error})") from None
     content = np.frombuffer(reader.data_map, np.uint8)
-    tables = {
-        name: _columns(content, np.asarray(reader.offsets[number], dtype=np.int64), reader.formats[number])
+    wanted = {
+        name: (np.asarray(reader.offsets[number], dtype=np.int64), reader.formats[number])
         for name, number in reader.name_to_id.items()
         if len(reader.offsets[number]) and name in (*DATAFLASH, *MESSAGES, "PARM")
+    }
+    (begin, end), boots = _longest_boot(content, *wanted["IMU"]) if "IMU" in wanted else ((0, len(content)), 1)
+    tables = {
+        name: _columns(content, offsets[(offsets >= begin) & (offsets < end)], form)
+        for name, (offsets, form) in wanted.items()
     }
     found = {name: int(reader.counts[n]) for name, n in reader.name_to_id.items() if reader.counts[n]}
     del content
     reader.close()
     start, notes = _start(tables)
+    if boots > 1:
+        notes.append(f"the clock of the log begins anew, so that it holds {boots} boots: the longest is what was read")
+    if "IMU" not in found and {"ACC", "GYR"} <= found.keys():
+        notes.append("ACC and GYR, which IMU_RAW of LOG_BITMASK writes, are not read: set IMU, which writes both")
     if complaints:
         notes.append("the file is damaged in places: what could be read was")
     notes += _output_notes(tables.get("PARM"))
@@ -83,6 +93,8 @@ def read_dataflash(path: Path) -> LogContent:
     return LogContent("DataFlash (ArduPilot)", batches, found, [*notes, NO_CHECKSUMS], flown)
 
 
+#: A clock that goes back by so much [ns], between so many IMU messages in order, has begun anew.
+_BOOT, _SOME = 1_000_000_000, 50
 #: Of GPS that a stamp can have: what is after it is damaged.
 _LAST_WEEK = int((LATEST // NANOSECONDS - GPS_EPOCH) // SECONDS_PER_WEEK)
 
@@ -121,6 +133,31 @@ def _columns(content: npt.NDArray[np.uint8], offsets: npt.NDArray[np.int64], for
         factor = _LETTERS[letter][1]
         columns[name] = table[name].copy() if factor is None else table[name] * factor
     return columns
+
+
+def _longest_boot(
+    content: npt.NDArray[np.uint8], offsets: npt.NDArray[np.int64], form: Any
+) -> tuple[tuple[int, int], int]:
+    """Where in the file the longest part begins and ends in which the clock of the IMU goes on, of how many parts.
+
+    A stamp that is damaged is no boot: after one the clock goes on from there.
+    """
+    fields = _columns(content, offsets, form)
+    if not fields or not _has_time(fields):
+        return (0, len(content)), 1
+    time = _time(fields)
+    back = np.flatnonzero(np.diff(time) < -_BOOT) + 1
+    boots = [i for i in back.tolist() if _goes_on(time[max(i - _SOME, 0) : i]) and _goes_on(time[i : i + _SOME])
+             and time[i : i + _SOME].max() < time[max(i - _SOME, 0)]]  # fmt: skip
+    edges = [0, *boots, len(time)]
+    longest = max(pairwise(edges), key=lambda part: int(time[part[1] - 1] - time[part[0]]))
+    begin = 0 if longest[0] == 0 else int(offsets[longest[0]])
+    end = len(content) if longest[1] == len(time) else int(offsets[longest[1]])
+    return (begin, end), len(boots) + 1
+
+
+def _goes_on(time: npt.NDArray[np.int64]) -> bool:
+    return len(time) >= _SOME and bool((np.diff(time) > -_BOOT).all())
 
 
 def _has_time(fields: dict[str, npt.NDArray[Any]]) -> bool:

@@ -15,7 +15,12 @@ import pytest
 from aircraft_sysid_ros.after_flight.check import CheckedRecording
 from aircraft_sysid_ros.after_flight.explanation import instruments
 from aircraft_sysid_ros.after_flight.explanation.aeroplane import Fact, Learnt, apparent_mass, facts_of, known_modes
-from aircraft_sysid_ros.after_flight.explanation.explain import _lacking, _with_flight, _without_what_is_checked
+from aircraft_sysid_ros.after_flight.explanation.explain import (
+    _lacking,
+    _with_flight,
+    _with_outputs,
+    _without_what_is_checked,
+)
 from aircraft_sysid_ros.after_flight.explanation.first_sentence import Evidence, Said, what_matters
 from aircraft_sysid_ros.after_flight.explanation.instruments import LONGEST_BOOM, instrument_errors
 from aircraft_sysid_ros.after_flight.explanation.next_flight import next_flights
@@ -334,6 +339,17 @@ def test_the_recording_of_an_imported_log_is_named_where_it_stays(monkeypatch, t
     monkeypatch.setattr(module, "_recording", lambda log, *_: (log, []))
     found = module.explain(log, aircraft, out, module.ExplainOptions(overwrite=True), page=lambda _: "page")
     assert found.json["check"]["recording"] == str(log)  # one that is a recording stays where it is
+
+
+def test_outputs_of_which_nothing_says_what_they_move_are_not_to_be_recorded(aircraft):
+    """The first run of who has not written a calibration file said to record what was in the log."""
+    findings = [Finding(("elevator", "aileron"), "missing", "warning", "not in the recording: no derivatives"),
+                Finding(("true_airspeed",), "missing", "warning", "not in the recording: none")]  # fmt: skip
+    found = Checked(tuple(findings), {}, (), None, ())
+    checked = _with_outputs(CheckedRecording("log", 60.0, found, ()))
+    said = next_flights({**checked.json, "identifiable": {}}, None, (), None)
+    assert said[0] == "Record true_airspeed: nothing that is flown makes up for what is not in the log."
+    assert "--calibration" in said[1] and "elevator and aileron" in said[1]
 
 
 def test_what_would_let_an_axis_be_compared_stands_beside_it_and_not_in_the_notes(aircraft):

@@ -31,8 +31,10 @@ from aircraft_sysid_ros.aircraft.configuration import Aircraft, load_aircraft
 from aircraft_sysid_ros.diagnosis.significance.parametric_bootstrap import COUNT
 from aircraft_sysid_ros.effects.effect import MEASUREMENT
 from aircraft_sysid_ros.errors import InputError
-from aircraft_sysid_ros.flight_check.finding import ERROR, INFO, Finding, joined, short_names
+from aircraft_sysid_ros.flight_check.finding import ABSENT, ERROR, INFO, Finding, joined, short_names
+from aircraft_sysid_ros.flight_check.signals import COMMANDED
 from aircraft_sysid_ros.reconstruction.options import StateOptions
+from aircraft_sysid_ros.recordings.autopilot_log import NO_SURFACES
 from aircraft_sysid_ros.recordings.losses import NOT_FINISHED
 from aircraft_sysid_ros.recordings.reader import read_recording
 from aircraft_sysid_ros.run_reader import AIRCRAFT, PARAMETERS, late_surfaces_of, read_parameters
@@ -141,6 +143,8 @@ def _explained(
     checked = check_recording(recording, aircraft, part_of(tell, 0.02, 0.15))
     if recording != log:
         checked = replace(checked, path=str(out / RECORDING))  # where it will be
+    if any(NO_SURFACES in note for note in notes):
+        checked = _with_outputs(checked)
     notes += checked.notes
     try:
         chosen = ReplayOptions(state=StateOptions(calm_air=options.calm_air))
@@ -187,6 +191,17 @@ def _explained(
         why_not=why_not,
         notes=tuple(dict.fromkeys(notes)),
     )
+
+
+def _with_outputs(checked: CheckedRecording) -> CheckedRecording:
+    """Surfaces that are missing for want of a calibration file are in the log, and not to be recorded."""
+    findings = [
+        replace(finding, sentence=f"{ABSENT}: {NO_SURFACES}")
+        if finding.kind == "missing" and set(finding.signals) <= {*COMMANDED}
+        else finding
+        for finding in checked.checked.findings
+    ]
+    return replace(checked, checked=replace(checked.checked, findings=tuple(findings)))
 
 
 def _with_flight(

@@ -16,6 +16,7 @@ from aircraft_sysid_ros.flight_check.finding import ABSENT, ERROR, INFO
 from aircraft_sysid_ros.flight_model.modes import DUTCH_ROLL, SHORT_PERIOD
 from aircraft_sysid_ros.identification.conditions import listed
 from aircraft_sysid_ros.reconstruction.state import CONTRADICTED, contradiction_text
+from aircraft_sysid_ros.recordings.autopilot_log import NO_SURFACES
 
 _YAW = "rudder doublets{yaw} and steady sideslips to both sides"
 _WITHOUT_RUDDER = "aileron doublets{yaw} of which the aeroplane slips and yaws, and quick reversals of the bank"
@@ -52,8 +53,11 @@ def next_flights(
 
 def _to_record(check: Mapping[str, Any]) -> Iterator[str]:
     """What no manoeuvre shows, since it is not in the recording at all; of some samples lost the check speaks."""
-    if missing := _not_recorded(check):
+    absent = _not_recorded(check)
+    if missing := [signal for signal, why in absent.items() if NO_SURFACES not in why]:
         yield f"Record {listed(missing)}: nothing that is flown makes up for what is not in the log."
+    if outputs := [signal for signal in absent if signal not in missing]:
+        yield f"Explain this log again with --calibration: nothing says which of its outputs move {listed(outputs)}."
 
 
 def _lacking(diagnosis: Mapping[str, Any] | None) -> dict[str, list[str]]:
@@ -74,12 +78,13 @@ def _to_add(lacking: Mapping[str, Sequence[str]]) -> Iterator[str]:
         yield f"Add {effects} to the model (`aircraft-sysid add`) before anything is flown for {axes}."
 
 
-def _not_recorded(check: Mapping[str, Any]) -> list[str]:
-    return [
-        finding["signal"]
+def _not_recorded(check: Mapping[str, Any]) -> dict[str, str]:
+    """Signals with why they are not there, in words."""
+    return {
+        finding["signal"]: finding["sentence"]
         for finding in check["findings"]
         if finding["severity"] != INFO and finding["sentence"].startswith(ABSENT)
-    ]
+    }
 
 
 def _for_parameters(
