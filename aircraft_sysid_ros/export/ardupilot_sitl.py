@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
-from aircraft_sysid_ros.export.exported import Exported, header_lines, number_lines
+from aircraft_sysid_ros.export.exported import Exported, header_lines, induced_drag_notes, number_lines
 from aircraft_sysid_ros.export.learnt_model import (
     SURFACES,
     LearntModel,
@@ -71,8 +71,11 @@ def export_ardupilot_sitl(learnt: LearntModel, full: Array) -> Exported:
     std = standard_errors(flown, lambda model: coefficients(model, full))
     lines += number_lines(values, std)
     lines.append(f"Scaled for a simulated mass of {SIMULATED_MASS:g} kg and an inertia of 1 kg m^2; {travel}")
+    doubts = induced_drag_notes(values["oswald"])
     body = json.dumps(values, indent=4)
-    return Exported("".join(f"# {line}\n" for line in lines) + body + "\n", misses, missing, (travel,))
+    return Exported(
+        "".join(f"# {line}\n" for line in (*lines, *doubts)) + body + "\n", misses, missing, (travel, *doubts)
+    )
 
 
 _ALWAYS_MISSING = (

@@ -26,6 +26,16 @@ class Exported:
     notes: tuple[str, ...] = ()
 
 
+def induced_drag_notes(efficiency: float) -> list[str]:
+    """That lift makes less drag in the file, which no wing does; nothing where it does not."""
+    if efficiency > 0.0:
+        return []
+    return [
+        f"lift lowers drag in this file (an efficiency of {efficiency:.2g}), which no wing does: what the flight tells "
+        "of C_X is not enough; fly several speeds with thrust measured, or put an efficiency of your own in its place"
+    ]
+
+
 def parameter_lines(learnt: LearntModel) -> list[str]:
     """The learnt parameters: name, value, standard error and status."""
     return [

@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.export.ardupilot_sitl import LEAST_INDUCED
-from aircraft_sysid_ros.export.exported import Exported, comment_of, header_lines, number_lines
+from aircraft_sysid_ros.export.exported import Exported, comment_of, header_lines, induced_drag_notes, number_lines
 from aircraft_sysid_ros.export.learnt_model import (
     SURFACES,
     LearntModel,
@@ -68,7 +68,8 @@ def export_gazebo(learnt: LearntModel, full: Array | None = None) -> Exported:
         f"is lost{shift}"
     )
     root = Element("sdf", version="1.9")
-    lines = [*header_lines(learnt, "gz-sim, Advanced Lift Drag", misses, missing), note]
+    notes = (note, *induced_drag_notes(values["eff"]))
+    lines = [*header_lines(learnt, "gz-sim, Advanced Lift Drag", misses, missing), *notes]
     lines += number_lines(values, standard_errors(flown, coefficients))
     root.append(Comment(comment_of(lines)))
     model = SubElement(root, "model", name="".join(c if c.isalnum() else "_" for c in learnt.aircraft.name))
@@ -76,7 +77,7 @@ def export_gazebo(learnt: LearntModel, full: Array | None = None) -> Exported:
     _plugin(model, values)
     indent(root)
     text = '<?xml version="1.0" encoding="utf-8"?>\n' + tostring(root, encoding="unicode") + "\n"
-    return Exported(text, misses, missing, (note,))
+    return Exported(text, misses, missing, notes)
 
 
 def coefficients(flown: LearntModel) -> dict[str, float]:

@@ -265,6 +265,17 @@ def test_a_cross_term_is_named_with_what_is_lost(learnt, for_sitl, for_gazebo, t
 # -- PX4 ---------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.parametrize("write", [lambda model: export_ardupilot_sitl(model, FULL), export_gazebo])
+def test_an_induced_drag_that_no_wing_has_is_said(learnt, write):
+    """An oswald of -0.11 was written without a word: of lift that pushes forward."""
+    assert not any("lift lowers drag" in note for note in write(learnt).notes)
+    values = dict(zip(learnt.model.parameter_names, learnt.values.tolist(), strict=True))
+    pushed = {**values, "CX_alpha2": values["CX_alpha2"] + 12.0}
+    parameters = [replace(p, value=pushed.get(p.name, p.value)) for p in learnt.parameters]
+    wrong = write(replace(learnt, parameters=tuple(parameters)))
+    assert any("lift lowers drag" in note for note in wrong.notes) and "lift lowers drag" in wrong.content
+
+
 @pytest.fixture(scope="module")
 def with_trims(learnt):
     """For surfaces whose travel is known."""
