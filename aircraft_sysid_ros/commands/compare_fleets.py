@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
+from aircraft_sysid_ros.commands.notes import note_lines
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.fleet.side_by_side import airframes_side_by_side, fleets_side_by_side
 
@@ -36,7 +37,7 @@ def render(result: dict[str, Any]) -> str:
         if rows
         else f"none of {count} parameters differs by more than chance explains"
     )
-    return "\n".join(lines)
+    return "\n".join([*lines, *note_lines(result.get("notes", ()))])
 
 
 def _line(row: dict[str, Any], of_airframe: int, of_parameter: int) -> str:

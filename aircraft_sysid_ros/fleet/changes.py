@@ -144,15 +144,17 @@ FEWEST_OTHERS = 3
 def difference(one: Mean, others: Sequence[Mean]) -> tuple[float, float, float]:
     """Mean of the other airframes, its standard error, and the p-value that ``one`` is like them.
 
-    Of few others the spread between airframes is not known: then it is asked whether they are equal.
+    Of few others the spread between airframes is hardly known: of two it is what they differ by, and of one it is asked
+    whether both are equal.
     """
     y, s = np.array([o.value for o in others]), np.array([o.std for o in others])
     if len(others) >= FEWEST_OTHERS:
         fitted = fit(y, s, np.ones((len(y), 1)))
         value, std, spread, freedom = float(fitted.value[0]), float(fitted.std[0]), fitted.between, fitted.freedom
     else:
-        weight = 1.0 / s**2
-        value, std, spread = float(weight @ y / weight.sum()), float(weight.sum() ** -0.5), 0.0
+        spread = float(np.sqrt(max(np.var(y, ddof=1) - np.mean(s**2), 0.0))) if len(y) > 1 else 0.0
+        weight = 1.0 / (s**2 + spread**2)
+        value, std = float(weight @ y / weight.sum()), float(weight.sum() ** -0.5)
         freedom = min([one.flights, *(o.flights for o in others)]) - 1
     apart = (one.value - value) / np.sqrt(one.std**2 + std**2 + spread**2)
     return value, std, two_sided(apart, freedom)

@@ -36,7 +36,8 @@ def airframes_side_by_side(fleet: str | Path, first: str, second: str) -> dict[s
     rows = [
         _row(f"{first}, {second}", p, values[first][p], values[second][p], False) for p in _both(values, first, second)
     ]
-    return _found([first, second], [row for row in rows if row])
+    found = _found([first, second], [row for row in rows if row])
+    return {**found, "notes": _changing(fleet, (first, second))}
 
 
 def fleets_side_by_side(fleet: str | Path, other: str | Path) -> dict[str, Any]:
@@ -51,6 +52,17 @@ def fleets_side_by_side(fleet: str | Path, other: str | Path) -> dict[str, Any]:
             of_a, of_b = a[airframe][parameter], b[airframe][parameter]
             rows.append(_row(airframe, parameter, of_a, of_b, len(of_a.keys() & of_b.keys()) >= FEWEST))
     return _found([str(fleet), str(other)], [row for row in rows if row])
+
+
+def _changing(fleet: str | Path, airframes: Sequence[str]) -> list[str]:
+    """What of airframes the fleet has found to change between their flights: its mean is not what it is now."""
+    path = Path(fleet) / "changes.parquet"
+    changes = [row for row in (read_table(path) if path.is_file() else ()) if row["airframe"] in airframes]
+    return [
+        f"{row['airframe']}: {row['parameter']} {row['kind']}s between its flights, as the fleet says, and its mean is "
+        "not what it is now"
+        for row in changes
+    ]
 
 
 def _both(values: ByName, first: str, second: str) -> list[str]:

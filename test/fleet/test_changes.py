@@ -75,3 +75,12 @@ def test_an_airframe_that_is_not_like_the_others():
     assert value == pytest.approx(1.0, abs=0.05) and far < 1e-4
     assert difference(Mean(1.12, 0.01, 0.02, 20), others)[2] > 0.05  # as far as they are from each other
     assert difference(Mean(1.12, 0.01, 0.02, 20), others[:1])[2] < 1e-3  # two alone are just compared
+
+
+def test_of_three_airframes_the_two_that_are_alike_are_not_named():
+    """The mean of another one and of its like, with no spread, was as far from it as from any aeroplane."""
+    a, b, other = (Mean(value, 0.001, 0.002, 10) for value in (-0.723, -0.724, -0.820))
+    assert difference(other, [a, b])[2] < 1e-6
+    for one, rest in ((a, [b, other]), (b, [a, other])):
+        value, std, p_value = difference(one, rest)
+        assert p_value > 0.05 and abs(value - rest[0].value) < 2.0 * std and abs(value - rest[1].value) < 2.0 * std

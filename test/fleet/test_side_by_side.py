@@ -47,6 +47,17 @@ def test_two_airframes(tmp_path):
     assert one["std_difference"] == pytest.approx(expected, rel=0.4) and one["flights"] == [12, 12]
 
 
+def test_what_changes_between_flights_is_said_beside_the_means(tmp_path):
+    """The mean of an elevator that fades hides by how much it has faded."""
+    fleet = write(tmp_path / "a", 1)
+    assert airframes_side_by_side(fleet, "N1", "N2")["notes"] == []
+    change = {"airframe": "N1", "parameter": "P2", "kind": "drift", "when": 10**15, "size": 0.01, "std": 0.001,
+              "p_value": 1e-6, "flight": "N1/0", "flights": 12, "per_hour": None}  # fmt: skip
+    write_tables(fleet, {"changes": [change, {**change, "airframe": "N3"}]})
+    (note,) = airframes_side_by_side(fleet, "N1", "N2")["notes"]
+    assert note.startswith("N1: P2 drifts between its flights")
+
+
 def test_of_the_same_flights_a_difference_is_seen_that_is_smaller_than_their_spread(tmp_path):
     a = write(tmp_path / "a", 1)
     found = fleets_side_by_side(a, write(tmp_path / "b", 1, changed=["P3"], own=0.002))["parameters"]
