@@ -188,25 +188,31 @@ def _names(first: Run, second: Run) -> tuple[str, str]:
     return (a.name, b.name) if a.name != b.name else (str(first.path), str(second.path))
 
 
-def _held(run: Run) -> dict[str, str]:
-    """Why parameters are not to USE, by name; nothing where the run does not say."""
+def _learnt(run: Run) -> dict[str, dict[str, Any]]:
+    """Parameters as they were learnt, by name; nothing where the run does not say."""
     try:
-        parameters = read_parameters(folder_of(run, run.current))
-        return {
-            name: f"{p['status']}: {p['reason']}" for name, p in parameters.items() if p["status"] != Trust.USE.name
-        }
+        return read_parameters(folder_of(run, run.current))
     except UNREADABLE:  # said of that file
         return {}
 
 
+def _held(run: Run) -> dict[str, str]:
+    """Why parameters are not to USE, by name."""
+    return {name: f"{p['status']}: {p['reason']}" for name, p in _learnt(run).items() if p["status"] != Trust.USE.name}
+
+
 def _fitted(comparison: Comparison, run: Run) -> Fitted:
-    """Of what a flight determines."""
-    whole, found = with_bias(run, comparison.flight), {}
+    """Of what a flight determines: least squares, with the standard error of what was learnt where that is wider.
+
+    That one knows of surfaces that are late, which move both alike or not.
+    """
+    whole, learnt, found = with_bias(run, comparison.flight), _learnt(run), {}
     for axis, compared in comparison.axes.items():
         fit = compared.fit
         for name, value, std in zip(fit.names, fit.parameters, fit.std, strict=True):
             if np.isfinite(value) and std > 0.0:
-                found[name] = (float(value), whole(axis, name, float(std)))
+                wide = learnt.get(name, {}).get("std") or 0.0
+                found[name] = (float(value), max(whole(axis, name, float(std)), wide if np.isfinite(wide) else 0.0))
     return found
 
 

@@ -20,7 +20,7 @@ INTERVAL = 1.96
 _UNITS = "Per radian where a term is of an angle; rates are p b/2V, q c/V and r b/2V."
 #: Where the numbers of the first version come from, and those of the others.
 IN_FLIGHT = "Learnt in flight by the recursion, at the end of the flight. " + _UNITS
-OF_ALL = "Fitted to all of the flight when this version was made. " + _UNITS
+OF_ALL = "As replay learns them with the model of this version. " + _UNITS
 
 
 @dataclass(frozen=True)
@@ -92,7 +92,7 @@ def history_figure(
     data.append(line(found.time, np.where(used, value, np.nan), theme.residual, "estimate, status USE", width=2.2))
     ends = found.time[[0, -1]]
     if fitted is not None:
-        data.append(line(ends, np.full(2, fitted), theme.second, "this version, fitted to all", width=1.6))
+        data.append(line(ends, np.full(2, fitted), theme.second, "this version", width=1.6))
     if truth is not None:
         data.append(line(ends, np.full(2, truth), theme.predicted, "truth", dash="dash", width=1.6))
     settled = known & (found.time >= 0.5 * (found.time[0] + found.time[-1]))
