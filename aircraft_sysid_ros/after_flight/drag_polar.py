@@ -13,7 +13,7 @@ turn, since gusts up and down last longer than a window.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -122,7 +122,7 @@ def drag_polar(
     run = open_run(path)
     if run.samples is None:
         raise InputError(f"{path} holds no samples: replay the recording again")
-    aircraft = run.current.aircraft
+    aircraft = _as_heavy_as_recorded(run.current.aircraft, run.samples)
     if not has_airspeed(run.samples):
         raise InputError("a drag polar needs airspeed, which was not measured")
     method = _method(aircraft, run.samples, power, gliding)
@@ -230,6 +230,13 @@ def windows_of(aircraft: Aircraft, samples: Samples, method: str, power: str | N
             "and fast"
         )
     return windows
+
+
+def _as_heavy_as_recorded(aircraft: Aircraft, samples: Samples) -> Aircraft:
+    """With the mass in the middle of the flight where the recording has it, as the coefficients of the run have."""
+    mass = samples.values[samples.kind == Kind.MASS, 0]
+    known = mass[np.isfinite(mass)]
+    return replace(aircraft, mass=float(np.median(known))) if len(known) else aircraft
 
 
 def _of_stretch(

@@ -45,6 +45,8 @@ _START_WITH = {
 _WHAT_TO_RECORD = (
     "record the airspeed or GPS; with GPS and no airspeed calm_air (--calm-air) takes the speed over ground for it"
 )
+#: Share of the mass of the aircraft file from which a recorded one is another loading.
+_OTHER_MASS = 0.03
 #: Places of throttle and thrust in a sample of the controls.
 _THROTTLE, _THRUST = 4, 5
 #: So long [s] it is too slow to fly before it flies, or after.
@@ -72,6 +74,7 @@ def notes(body: Body, pipeline: Pipeline, writer: RunWriter) -> list[str]:
     parameters = pipeline.parameters
     on_ground = parameters.learning.landing.words(parameters.stream.start_time or 0.0)
     found += landing_notes(body, aircraft, on_ground) + thrust_notes(recording.samples, aircraft)
+    found += mass_notes(recording.samples, aircraft)
     found += pipeline.check.words
     found += absences(pipeline.state, names) + noise_notes(pipeline.state)
     found += delay_notes(pipeline.parameters) + prior_notes(pipeline.parameters)
@@ -337,6 +340,21 @@ def thrust_notes(samples: Samples, aircraft: Aircraft) -> list[str]:
         f"thrust is not measured, and {listed(reads)} cannot be judged without it: under 'model' of the aircraft file "
         f"{throttle_instead(aircraft.model.terms)} has the throttle in its place"
     ]
+
+
+def mass_notes(samples: Samples, aircraft: Aircraft) -> list[str]:
+    """That a recorded mass is another one than the file's: its inertia is of another loading, or a unit is wrong."""
+    recorded = samples.values[samples.kind == Kind.MASS]
+    mass = recorded[np.isfinite(recorded[:, 0]), 0]
+    if not len(mass) or abs(np.median(mass) / aircraft.mass - 1.0) < _OTHER_MASS:
+        return []
+    told = (
+        f"the recorded mass is {np.median(mass):.4g} kg, and the aircraft file says {aircraft.mass:.4g} kg: forces are "
+    )
+    told += "judged with the recorded one"
+    if not np.isfinite(recorded[:, 1:4]).any():
+        told += ", and moments with the inertia of the file, which is of another loading: give that of this one"
+    return [told]
 
 
 def landing_notes(body: Body, aircraft: Aircraft, on_ground: str = "") -> list[str]:

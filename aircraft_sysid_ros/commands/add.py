@@ -74,7 +74,9 @@ def render(result: dict[str, Any]) -> str:
         lines.append(f"{name:<6}" + "".join(f"{number:>8}" for number in numbers))
     lines.append("")
     for p in result["parameters"]:
-        lines.append(f"{p['name']} = {p['value']:.4g} ± {p['std']:.2g}")
+        known = p["value"] is not None and p["std"] is not None
+        value = f"= {p['value']:.4g} ± {p['std']:.2g}" if known else f"is not known: {p['reason']}"
+        lines.append(f"{p['name']} {value}")
     lines += [_of_setting(**setting, gone="removed" in result) for setting in result["settings"]]
     lines += [result["verdict"], f"aircraft file {result['aircraft']}", *picture_lines(result)]
     return "\n".join(lines)

@@ -256,6 +256,8 @@ class StateEstimator:
         self._odometer = None
         self._aligned = False
         self._wait.reconsider()
+        if self.watch is not None:
+            self.watch.restart()  # in another wind
         if not since <= SAME_FLIGHT:
             self.drift.begin_flight()
             self._forget_slow_states()

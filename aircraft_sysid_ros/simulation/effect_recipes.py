@@ -231,4 +231,5 @@ RECIPES: dict[str, Recipe] = {
             "lift slope": (_after("CZ", "alpha", -0.2, "CZ_alpha"),),
         }
     ),
+    "propeller_thrust": Recipe({"": (Term("CX", "throttle/qbar", 10.0), Term("CX", "throttle/V", -0.7))}, _SPEEDS),
 }  # fmt: skip

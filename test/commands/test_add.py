@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from aircraft_sysid_ros.commands.add import render
 from aircraft_sysid_ros.commands.main import main
 from aircraft_sysid_ros.commands.options import parameter_table
 
@@ -71,3 +72,13 @@ def test_a_long_name_of_an_added_term_keeps_the_columns_in_line() -> None:
     rows = [{"name": name, "value": -0.1, "std": 0.01, "status": "USE", "reason": ""} for name in names]
     head, _, *lines = parameter_table(rows).splitlines()
     assert {line.index("USE") for line in lines} == {head.index("status")}
+
+
+def test_a_term_of_which_nothing_is_known_is_told_with_its_reason():
+    """After the version was written, add ended with a traceback."""
+    parameter = {"name": "CZ_flaps", "value": None, "std": None, "status": "HOLD", "reason": "not enough motion yet"}
+    result = {
+        "model": "1", "parents": [], "axes": {}, "parameters": [parameter], "settings": [], "verdict": "better",
+        "aircraft": "a.yaml", "figure": None, "notes": [],
+    }  # fmt: skip
+    assert "CZ_flaps is not known: not enough motion yet" in render(result)

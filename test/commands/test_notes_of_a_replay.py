@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from aircraft_sysid_ros.after_flight.replay_notes import thrust_notes
+from aircraft_sysid_ros.after_flight.replay_notes import mass_notes, thrust_notes
 from aircraft_sysid_ros.aircraft.aerodynamic_model import model_from_terms
 from aircraft_sysid_ros.samples import Kind, samples_of
 
@@ -21,7 +21,20 @@ def test_the_throttle_is_offered_where_a_thrust_is_read_and_not_measured(aircraf
     text = note.split("of the aircraft file ")[1].split(" has the throttle")[0]
     axis, terms = text.split(": ")
     model = model_from_terms({**aircraft.model.terms, axis: terms.strip("[]").split(", ")})
-    assert "CX_throttle" in model.parameter_names and "CX_Tc" not in model.parameter_names
+    assert {"CX_throttle/qbar", "CX_throttle/V"} <= {*model.parameter_names} and "CX_Tc" not in model.parameter_names
+
+
+def test_a_recorded_mass_that_is_not_the_file_s_is_told_with_the_inertia_that_stays(aircraft):
+    """Moments were 10 % too large with standard errors of 1 %, and pounds for kilograms were taken without a word."""
+    masses = np.full((50, 8), np.nan)
+    masses[:, 0] = 0.9 * aircraft.mass
+    (note,) = mass_notes(samples_of(Kind.MASS, np.arange(50), masses), aircraft)
+    assert f"{0.9 * aircraft.mass:.4g} kg" in note and "inertia of the file" in note
+    masses[:, 1:5] = 0.1
+    (note,) = mass_notes(samples_of(Kind.MASS, np.arange(50), masses), aircraft)
+    assert "inertia" not in note
+    masses[:, 0] = 1.01 * aircraft.mass
+    assert mass_notes(samples_of(Kind.MASS, np.arange(50), masses), aircraft) == []
 
 
 @pytest.mark.parametrize(("throttle", "thrust"), [(0.6, 4.0), (np.nan, np.nan), (0.0, np.nan)])

@@ -86,8 +86,9 @@ def test_why_no_axis_can_be_compared_is_said_of_all_six_with_what_would_let_them
     assert str(error.value) == (
         "no axis can be compared: CX cannot be fitted: it needs alpha and Tc, which are not measured: record them, or "
         "take their terms out of the model (under 'model' of the aircraft file CX: [1, alpha, alpha**2, q, de, "
-        "throttle] has the throttle in place of the thrust); CY, Cl and Cn have no value of beta; CZ and Cm have no "
-        "value of alpha; for alpha and beta fit a vane, or fly more turns at several speeds in calmer air"
+        "throttle/qbar, throttle/V] has the throttle in place of the thrust); CY, Cl and Cn have no value of beta; CZ "
+        "and Cm have no value of alpha; for alpha and beta fit a vane, or fly more turns at several speeds in calmer "
+        "air"
     )
     signals[:, SIGNAL_INDEX["throttle"]] = 0.0  # which stands for nothing
     with pytest.raises(InputError) as error:

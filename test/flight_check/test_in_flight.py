@@ -184,3 +184,12 @@ def test_what_stands_on_the_ground_is_not_judged():
         check.mark(rows, epoch)
     assert check.findings == ()
     assert sum(len(samples) for samples in check._waiting) < 1000  # nothing is kept for a flight that may never come
+
+
+def test_another_manoeuvre_is_in_another_wind(aircraft, monkeypatch):
+    """One wind was looked for in two test points: a pitot that was right read 0.81 of what it should."""
+    pipeline, begun = Pipeline(aircraft), []
+    monkeypatch.setattr(pipeline.check, "restart", lambda: begun.append(1))
+    pipeline.begin_anew(20.0)
+    pipeline.begin_anew(1e5)
+    assert len(begun) == 2

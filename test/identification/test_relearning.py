@@ -9,6 +9,7 @@ from functools import cache
 import numpy as np
 import pytest
 
+from aircraft_sysid_ros.aircraft.configuration import aircraft_from_dict
 from aircraft_sysid_ros.commands.options import add_estimator_options, estimator_options
 from aircraft_sysid_ros.estimation.lagged_moments import add_sample
 from aircraft_sysid_ros.estimation.recursive_least_squares import rls_update
@@ -388,3 +389,20 @@ def test_an_axis_that_is_taken_over_leaves_the_others_as_they_were(recursion, ai
     assert after[part, part] == pytest.approx(WIDENING**2 * covariance, rel=1e-9, abs=1e-12)
     assert not np.abs(after[np.ix_(rest, np.arange(part.start, part.stop))]).max() > 1e-12
     assert recursion.theta[part] == pytest.approx(theta)
+
+
+def test_a_step_that_the_model_has_is_not_learnt_by_a_constant_besides(aircraft):
+    """The constant was opened at that moment, and each was given half of the change, 9 standard errors off, to USE."""
+    term, true = "max(sign(time-49),0)", -0.2  # flaps that take 2 s; the filter starts after one
+    source = copy.deepcopy(aircraft.source)
+    del source["coefficients"]
+    source["model"] = {**aircraft.model.terms, "CZ": [*aircraft.model.terms["CZ"], term]}
+    samples = simulate_samples(aircraft, 13, 90.0, effects=[Effect("CZ", "min(max(time-49,0),2)/2", true)]).samples
+    pipeline = Pipeline(aircraft_from_dict(source))
+    assert pipeline.parameters.options.relearn and not pipeline.parameters.learning._options.relearn
+    pipeline.push(samples)
+    pipeline.flush()
+    found = {p["name"]: p for p in parameters_json(pipeline.parameters)["parameters"]}
+    for name, value in ((f"CZ_{term}", true), ("CZ_0", aircraft.coefficients["CZ_0"])):
+        assert found[name]["status"] == "USE"
+        assert abs(found[name]["value"] - value) < 0.02, found[name]

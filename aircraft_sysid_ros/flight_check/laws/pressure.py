@@ -10,8 +10,9 @@ from aircraft_sysid_ros.flight_check.motion import Motion
 from aircraft_sysid_ros.flight_check.relation import Relation
 
 _SCALE = 0.12
-#: Static pressures [Pa] and densities' ratio to that of the standard day that the lower atmosphere has.
-_PRESSURE, _DENSITY = (20e3, 108e3), (0.8, 1.25)
+#: Static pressures [Pa] up to 20 km, those to which the standard atmosphere is asked for the height, and densities'
+#: ratio to that at 283 K, which is 1.5 at 188 K under the tropopause.
+_PRESSURE, _TROPOSPHERE, _DENSITY = (5e3, 108e3), 20e3, (0.8, 1.5)
 
 
 def relations(motion: Motion) -> list[Relation]:
@@ -19,14 +20,12 @@ def relations(motion: Motion) -> list[Relation]:
     density, pressure = motion.air.T
     found = []
     if np.any(np.isfinite(pressure)):
-        ratio = float(np.nanmedian(pressure)) / 90e3
-        found += _constant(
-            "static_pressure", ratio, _PRESSURE[0] / 90e3, _PRESSURE[1] / 90e3, "the pressure of the air"
-        )
+        middle = float(np.nanmedian(pressure))
+        found += _constant("static_pressure", middle, *_PRESSURE, "the pressure of the air")
     if np.any(np.isfinite(density * pressure)):
         ratio = float(np.nanmedian(density * GAS_CONSTANT * 283.0 / pressure))
         found += _constant("air_density", ratio, *_DENSITY, "p/(R T)", "static_pressure")
-    if np.any(np.isfinite(pressure)) and np.nanmedian(pressure) > _PRESSURE[0]:
+    if np.any(np.isfinite(pressure)) and np.nanmedian(pressure) > _TROPOSPHERE:
         grid, width = motion.grid, 2.0 * motion.gps_width
         height = altitude_at(np.where(pressure > 0.0, pressure, np.nan))
         y, x = grid.smooth(height, width), -grid.smooth(motion.position[:, 2], width)
