@@ -39,6 +39,8 @@ Bools = npt.NDArray[np.bool_]
 SHORTEST = 10.0
 #: Times of flight [s] of the first two looks; later ones each after twice the time, over so much flight [s] at most.
 FIRST, SECOND, LONGEST = 30.0, 60.0, 240.0
+#: Manoeuvres no further apart [s] are in one wind.
+_SAME_WIND = 300.0
 #: Rows further apart [s] are no flight in between.
 _STEP = 1.0
 #: A stream that is late by more [s] than this is worth a word: less is for ``check`` and the aircraft file.
@@ -147,6 +149,11 @@ class InFlightCheck:
         """The clock began anew: what was found stands, and is asked again."""
         self._restart()
         if self._triangle is not None:
+            self._triangle.restart()
+
+    def begin_anew(self, since: float) -> None:
+        """Another manoeuvre begins, ``since`` [s] after the one before, in another wind if that is long."""
+        if self._triangle is not None and not since <= _SAME_WIND:
             self._triangle.restart()
 
     def add(self, samples: Samples) -> None:

@@ -124,6 +124,9 @@ class Watch(Protocol):
     def restart(self) -> None:
         """The clock began anew."""
 
+    def begin_anew(self, since: float) -> None:
+        """Another manoeuvre begins, ``since`` [s] after the one before; NaN: of another flight."""
+
 
 class StateEstimator:
     """Iterated extended Kalman filter over (6.24), fed in any order within the horizon.
@@ -257,7 +260,7 @@ class StateEstimator:
         self._aligned = False
         self._wait.reconsider()
         if self.watch is not None:
-            self.watch.restart()  # in another wind
+            self.watch.begin_anew(since)
         if not since <= SAME_FLIGHT:
             self.drift.begin_flight()
             self._forget_slow_states()

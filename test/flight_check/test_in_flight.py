@@ -186,10 +186,12 @@ def test_what_stands_on_the_ground_is_not_judged():
     assert sum(len(samples) for samples in check._waiting) < 1000  # nothing is kept for a flight that may never come
 
 
-def test_another_manoeuvre_is_in_another_wind(aircraft, monkeypatch):
-    """One wind was looked for in two test points: a pitot that was right read 0.81 of what it should."""
+def test_a_manoeuvre_long_after_is_in_another_wind(aircraft, monkeypatch):
+    """One wind was looked for in test points half an hour apart: a pitot that was right read 0.81 of what it should."""
     pipeline, begun = Pipeline(aircraft), []
-    monkeypatch.setattr(pipeline.check, "restart", lambda: begun.append(1))
+    monkeypatch.setattr(pipeline.check._triangle, "restart", lambda: begun.append(1))
     pipeline.begin_anew(20.0)
-    pipeline.begin_anew(1e5)
+    assert not begun
+    pipeline.begin_anew(1700.0)
+    pipeline.begin_anew(np.nan)
     assert len(begun) == 2
