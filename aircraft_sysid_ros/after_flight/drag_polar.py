@@ -22,6 +22,7 @@ import numpy.typing as npt
 from scipy.ndimage import gaussian_filter1d
 from scipy.special import stdtrit
 
+from aircraft_sysid_ros.after_flight.recorded_mass import recorded_mass
 from aircraft_sysid_ros.aircraft.atmosphere import STANDARD_GRAVITY, air_density
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
 from aircraft_sysid_ros.diagnosis.model_versions.versions import folder_to_write, open_run
@@ -122,7 +123,9 @@ def drag_polar(
     run = open_run(path)
     if run.samples is None:
         raise InputError(f"{path} holds no samples: replay the recording again")
-    aircraft = _as_heavy_as_recorded(run.current.aircraft, run.samples)
+    aircraft = run.current.aircraft
+    if (mass := recorded_mass(run.samples)) is not None:  # as the coefficients of the run have it
+        aircraft = replace(aircraft, mass=mass)
     if not has_airspeed(run.samples):
         raise InputError("a drag polar needs airspeed, which was not measured")
     method = _method(aircraft, run.samples, power, gliding)
@@ -230,13 +233,6 @@ def windows_of(aircraft: Aircraft, samples: Samples, method: str, power: str | N
             "and fast"
         )
     return windows
-
-
-def _as_heavy_as_recorded(aircraft: Aircraft, samples: Samples) -> Aircraft:
-    """With the mass in the middle of the flight where the recording has it, as the coefficients of the run have."""
-    mass = samples.values[samples.kind == Kind.MASS, 0]
-    known = mass[np.isfinite(mass)]
-    return replace(aircraft, mass=float(np.median(known))) if len(known) else aircraft
 
 
 def _of_stretch(

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from aircraft_sysid_ros.after_flight.recorded_mass import recorded_mass
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
 from aircraft_sysid_ros.aircraft.sensor_settings import CONTROLS
 from aircraft_sysid_ros.aircraft.unsaid_places import unsaid_keys
@@ -344,15 +345,12 @@ def thrust_notes(samples: Samples, aircraft: Aircraft) -> list[str]:
 
 def mass_notes(samples: Samples, aircraft: Aircraft) -> list[str]:
     """That a recorded mass is another one than the file's: its inertia is of another loading, or a unit is wrong."""
-    recorded = samples.values[samples.kind == Kind.MASS]
-    mass = recorded[np.isfinite(recorded[:, 0]), 0]
-    if not len(mass) or abs(np.median(mass) / aircraft.mass - 1.0) < _OTHER_MASS:
+    mass = recorded_mass(samples)
+    if mass is None or abs(mass / aircraft.mass - 1.0) < _OTHER_MASS:
         return []
-    told = (
-        f"the recorded mass is {np.median(mass):.4g} kg, and the aircraft file says {aircraft.mass:.4g} kg: forces are "
-    )
-    told += "judged with the recorded one"
-    if not np.isfinite(recorded[:, 1:4]).any():
+    both = f"{mass:.4g} kg, and the aircraft file says {aircraft.mass:.4g} kg"
+    told = f"the recorded mass is {both}: forces are judged with the recorded one"
+    if not np.isfinite(samples.values[samples.kind == Kind.MASS, 1:4]).any():
         told += ", and moments with the inertia of the file, which is of another loading: give that of this one"
     return [told]
 

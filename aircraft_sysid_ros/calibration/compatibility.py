@@ -44,6 +44,7 @@ from aircraft_sysid_ros.calibration.navigation import (
     navigate,
     require,
     series,
+    slowest,
 )
 from aircraft_sysid_ros.calibration.procedure import Answer, Task, solve
 from aircraft_sysid_ros.calibration.segments import Segments, find_segments
@@ -235,8 +236,7 @@ def compatibility_flight(
     ]  # fmt: skip
     attitude_time, angles = _attitude(samples, aircraft, whole)
     imu_time, imu = series(samples, Kind.IMU, whole.epoch, 6)
-    apart = [float(np.median(np.diff(time))) for time in (*(t for t, _ in air), attitude_time) if len(time) > 1]
-    grid = common_grid(whole.time, imu_time, least=max([_STEP, *apart]))
+    grid = common_grid(whole.time, imu_time, least=max(_STEP, slowest(*(time for time, _ in air), attitude_time)))
     navigation = whole.at(grid, imu_time)
     shown = [_shown(grid, imu_time, time, values) for time, values in air]
     shown.append(_shown(grid, imu_time, attitude_time, np.unwrap(angles, axis=0)))

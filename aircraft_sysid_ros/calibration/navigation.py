@@ -116,13 +116,17 @@ class Grid:
         return Grid(self.index[keep], self.step)
 
 
+def slowest(*times: Array) -> float:
+    """Time [s] between samples of the slowest of several series, with times (k,) [s] each."""
+    return max((float(np.median(np.diff(time))) for time in times if len(time) > 1), default=0.0)
+
+
 def common_grid(*times: Array, least: float = STEP) -> Grid:
     """The bins in which every one of several series, with times (k,) [s] each, has a sample.
 
     They are ``least`` [s] wide, or as wide as the samples of the slowest series are apart.
     """
-    apart = [float(np.median(np.diff(time))) for time in times if len(time) > 1]
-    step = max([least, *apart])
+    step = max(least, slowest(*times))
     index = [np.unique(np.floor(time / step).astype(np.int64)) for time in times]
     common = index[0]
     for bins in index[1:]:

@@ -433,8 +433,9 @@ def _try_controls(job: Job) -> Setting:
         value, best, curvature = maximum(gain, start, inner.low, inner.high, 0.5 * needed)
         if best <= 0.0:  # a delay that is longer than a doublet takes is past a valley
             far = np.arange(inner.low, inner.high + 0.5 * _FAR, _FAR)
-            again = max(map(float, far[np.abs(far - start) > _FAR]), key=gain, default=start)
-            if gain(again) > 0.5 * needed:
+            tried = {place: gain(place) for place in far[np.abs(far - start) > _FAR].tolist()}
+            again = max(tried, key=lambda place: tried[place], default=start)
+            if tried.get(again, 0.0) > 0.5 * needed:
                 value, best, curvature = maximum(gain, again, inner.low, inner.high, 0.5 * needed)
     std = float(1.0 / np.sqrt(curvature)) if curvature > 0.0 else np.nan
     if best > needed:  # as much the other way

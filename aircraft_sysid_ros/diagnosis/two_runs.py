@@ -39,6 +39,8 @@ _CONDITIONS = {"V": (1.0, "m/s"), "alpha": (180.0 / np.pi, "deg")}
 _MOST_NAMED = 6
 #: Value and standard error by the name of a parameter.
 Fitted = Mapping[str, tuple[float, float]]
+#: Parameters of a run by name, as in parameters.json.
+Learnt = Mapping[str, Mapping[str, Any]]
 
 
 @dataclass(frozen=True)
@@ -164,7 +166,8 @@ def side_by_side(runs: tuple[Run, Run], comparisons: tuple[Comparison, Compariso
     if same_version and first.path.resolve() == second.path.resolve():
         raise InputError(f"{second.path} is given twice: name another run, or the id of another version of it")
     one_flight = first.samples is not None and second.samples is not None and same_imu(first.samples, second.samples)
-    known = [_fitted(comparison, run) for run, comparison in zip(runs, comparisons, strict=True)]
+    learnt = [_learnt(run) for run in runs]
+    known = [_fitted(*each) for each in zip(comparisons, runs, learnt, strict=True)]
     shared = [name for name in known[0] if name in known[1]]
     if not shared:
         raise InputError(f"{first.path} and {second.path} share no parameter that both flights determine")
@@ -173,7 +176,7 @@ def side_by_side(runs: tuple[Run, Run], comparisons: tuple[Comparison, Compariso
         runs=_names(first, second),
         models=(first.current.identifier, second.current.identifier),
         same_flight=one_flight,
-        parameters=tuple(_differences(shared, (known[0], known[1]), (_held(first), _held(second)), one_flight)),
+        parameters=tuple(_differences(shared, (known[0], known[1]), (_held(learnt[0]), _held(learnt[1])), one_flight)),
         only_in=(only[0], only[1]),
         errors=_errors(comparisons),
         notes=tuple(_notes(runs, comparisons, one_flight, same_version)),
@@ -188,7 +191,7 @@ def _names(first: Run, second: Run) -> tuple[str, str]:
     return (a.name, b.name) if a.name != b.name else (str(first.path), str(second.path))
 
 
-def _learnt(run: Run) -> dict[str, dict[str, Any]]:
+def _learnt(run: Run) -> Learnt:
     """Parameters as they were learnt, by name; nothing where the run does not say."""
     try:
         return read_parameters(folder_of(run, run.current))
@@ -196,17 +199,17 @@ def _learnt(run: Run) -> dict[str, dict[str, Any]]:
         return {}
 
 
-def _held(run: Run) -> dict[str, str]:
+def _held(learnt: Learnt) -> dict[str, str]:
     """Why parameters are not to USE, by name."""
-    return {name: f"{p['status']}: {p['reason']}" for name, p in _learnt(run).items() if p["status"] != Trust.USE.name}
+    return {name: f"{p['status']}: {p['reason']}" for name, p in learnt.items() if p["status"] != Trust.USE.name}
 
 
-def _fitted(comparison: Comparison, run: Run) -> Fitted:
+def _fitted(comparison: Comparison, run: Run, learnt: Learnt) -> Fitted:
     """Of what a flight determines: least squares, with the standard error of what was learnt where that is wider.
 
     That one knows of surfaces that are late, which move both alike or not.
     """
-    whole, learnt, found = with_bias(run, comparison.flight), _learnt(run), {}
+    whole, found = with_bias(run, comparison.flight), {}
     for axis, compared in comparison.axes.items():
         fit = compared.fit
         for name, value, std in zip(fit.names, fit.parameters, fit.std, strict=True):

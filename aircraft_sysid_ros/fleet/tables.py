@@ -16,14 +16,16 @@ from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.fleet.flight_task import Answer
 from aircraft_sysid_ros.fleet.flights import Flight
 from aircraft_sysid_ros.installation import MissingExtra
+from aircraft_sysid_ros.recordings.autopilot_log import NO_DATE
 from aircraft_sysid_ros.recordings.raw_messages import printable
+from aircraft_sysid_ros.ros_messages.conversion import NANOSECONDS
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
 Row = dict[str, Any]
-#: Stamps [ns] before this day, 2000-01-03, are of a clock that was not set.
-_NO_DATE = 946_857_600_000_000_000
+#: Stamps [ns] up to two days after what a log without a date is stamped from are of a clock that was not set.
+_NO_DATE = (NO_DATE + 2 * 86_400) * NANOSECONDS
 #: Columns of the tables by name, with their types in pyarrow.
 _FLIGHT = {"flight": "string", "airframe": "string", "start": "time"}
 COLUMNS: dict[str, dict[str, str]] = {
