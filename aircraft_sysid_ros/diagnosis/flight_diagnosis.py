@@ -40,7 +40,7 @@ from aircraft_sysid_ros.diagnosis.significance.parametric_bootstrap import COUNT
 from aircraft_sysid_ros.diagnosis.significance.setting_replicas import chance_of
 from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS
 from aircraft_sysid_ros.diagnosis.trim.trim_finding import trim_finding
-from aircraft_sysid_ros.diagnosis.words import FlightDiagnosis, MeasurementFinding
+from aircraft_sysid_ros.diagnosis.words import OF_PLACE, OF_SHORT_WAY, FlightDiagnosis, MeasurementFinding
 from aircraft_sysid_ros.effects import LIBRARY, OF_SERVOS
 from aircraft_sysid_ros.effects.effect import MEASUREMENT, Effect, with_setting
 from aircraft_sysid_ros.errors import InputError
@@ -51,8 +51,6 @@ from aircraft_sysid_ros.samples import Kind, Samples
 _CORRECTIONS = 2
 #: Effects that are not told from what the lag of a servo does beyond a delay.
 OF_LATE_SURFACES = OF_SERVOS | {"alpha_dot"}
-#: Why a place is no fault.
-_OF_PLACE = "it is counted with: the aircraft file does not say where the sensor is"
 
 
 def diagnose_flight(
@@ -255,7 +253,7 @@ def _why_no_fault(finding: MeasurementFinding, given: Aircraft, samples: Samples
     """Why a setting is counted with and is no fault, in words."""
     setting = finding.setting
     if setting.is_place and not is_a_fault(setting, given, samples):
-        return _OF_PLACE
+        return OF_PLACE if setting.variant.setting in given.unsaid else OF_SHORT_WAY
     if not is_a_fault(setting, given, samples):
         return "it is counted with: a sensor that averages from sample to sample is as late"
     if CONTROLS in setting.variant.setting and IMU_LAG in finding.confounded_with:
@@ -330,7 +328,7 @@ def with_place_of_imu(
     found = _judged([setting], settled_flight(flight), settled_flight(mended), 1)
     if _is_worse(found) or not _has_size(found):
         return None
-    return better, mended, calm, replace(found, matters=False, why_no_fault=_OF_PLACE)
+    return better, mended, calm, replace(found, matters=False, why_no_fault=OF_PLACE)
 
 
 def _is_of_sensor(finding: Finding) -> bool:

@@ -167,16 +167,27 @@ def is_a_fault(setting: Setting, file: Aircraft, samples: Samples) -> bool:
     """Whether a setting contradicts what is known, and does not only say what the aircraft file leaves out.
 
     A place that the file does not state, and a delay of about half the time from sample to sample, as averaging makes
-    it, are taken into account and are no fault.
+    it, are taken into account and are no fault. Nor is a place of the air data that such a delay stands for: a probe
+    that is d further ahead in the airspeed V is d/V early wherever the aeroplane turns.
     """
     key, size = setting.variant.setting, abs(setting.value - setting.nominal)
     if setting.is_place:
-        return key not in file.unsaid
+        stated = key not in file.unsaid
+        if not stated or key[0] != _AHEAD[0]:
+            return stated
+        airspeed = samples.values[samples.kind == Kind.AIRSPEED, 0]
+        typical = float(np.nanmedian(airspeed)) if np.any(np.isfinite(airspeed)) else 0.0
+        return size * file.span >= typical * _delay_of_averaging(samples, Kind.IMU, Kind.AIRSPEED)
     if key[-1] in _LATE:
         kinds = {**_OF_MOTION, CONTROLS: Kind.CONTROLS, **AIR_DATA}
-        interval = interval_of(samples, kinds.get(key[1], Kind.AIRSPEED))
-        return size >= max(THRESHOLDS.least_delay, THRESHOLDS.least_delay_share * interval)
+        return size >= _delay_of_averaging(samples, kinds.get(key[1], Kind.AIRSPEED))
     return True
+
+
+def _delay_of_averaging(samples: Samples, *kinds: Kind) -> float:
+    """The delay [s] that is no fault of the slowest of some sensors."""
+    slowest = max((interval_of(samples, kind) for kind in kinds), key=np.nan_to_num)
+    return max(THRESHOLDS.least_delay, THRESHOLDS.least_delay_share * slowest)
 
 
 def nominal(aircraft: Aircraft, setting: tuple[str, ...]) -> float:

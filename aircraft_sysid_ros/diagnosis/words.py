@@ -59,6 +59,9 @@ def chosen_anew(candidate: Mapping[str, Any]) -> str:
 
 #: Candidates of which it is said why they are no verdict.
 _MOST_REFUSED = 2
+#: Why a place is no fault: one that the aircraft file leaves out, and one that it states.
+OF_PLACE = "it is counted with: the aircraft file does not say where the sensor is"
+OF_SHORT_WAY = "it is counted with: air data that are early or late by the averaging of a sensor look the same"
 
 
 @dataclass(frozen=True)
@@ -268,6 +271,7 @@ class FlightDiagnosis:
             fault = mended.setting.effect
             if not mended.matters:
                 stated = mended.setting.nominal != 0.0 and not mended.setting.is_place
+                stated = stated or mended.why_no_fault == OF_SHORT_WAY
                 says = "states another number than" if stated else "leaves out what"
                 yield f"The aircraft file {says} is counted with here: {fault.name} (add {fault.identifier})."
                 for other in mended.confounded_with:

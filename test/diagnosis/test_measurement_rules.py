@@ -17,7 +17,7 @@ from aircraft_sysid_ros.effects import BY_ID
 from aircraft_sysid_ros.effects.effect import Effect, with_setting
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.reconstruction.state import LearntNoise
-from aircraft_sysid_ros.samples import Kind, Samples, samples_of
+from aircraft_sysid_ros.samples import Kind, Samples, concatenate, samples_of
 from aircraft_sysid_ros.simulation.simulated_flight import simulate_samples
 
 #: Of a filter that nobody runs.
@@ -91,6 +91,17 @@ def test_a_place_that_the_file_does_not_state_is_no_fault(aircraft):
     found = setting_of(BY_ID["imu_offset"], 0.1)
     assert is_a_fault(found, stated, imu_at(100.0))
     assert not is_a_fault(found, aircraft_from_dict(without), imu_at(100.0))
+
+
+@pytest.mark.parametrize(("airspeed", "fault"), [(20.0, True), (80.0, False)])
+def test_a_probe_ahead_by_what_averaging_delays_is_no_fault(aircraft, airspeed, fault):
+    """That is 20 ms here: 0.4 m at 20 m/s, 1.6 m at 80 m/s. The place of the IMU is no matter of time."""
+    way = 0.8 / aircraft.span
+    flown = concatenate(
+        [imu_at(100.0), samples_of(Kind.AIRSPEED, np.arange(0, 10**10, 10**7), np.full(1000, airspeed))]
+    )
+    assert is_a_fault(setting_of(BY_ID["probe_offset"], way), aircraft, flown) is fault
+    assert is_a_fault(setting_of(BY_ID["imu_offset"], way), aircraft, flown)
 
 
 @pytest.mark.parametrize(("rate", "delay", "fault"), [(10, 0.05, False), (10, 0.08, True), (100, 0.05, True)])
