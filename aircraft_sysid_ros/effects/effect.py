@@ -216,8 +216,9 @@ def fill(term: str, values: Mapping[str, float | str]) -> str:
     return term.format(**shown)
 
 
-def with_setting(aircraft: Aircraft, setting: tuple[str, ...], value: float) -> Aircraft:
-    """The aircraft with one number of its file changed, as a measurement effect does.
+def with_setting(aircraft: Aircraft, setting: tuple[str, ...], value: float, std: float = 0.0) -> Aircraft:
+    """The aircraft with one number of its file changed, as a measurement effect does; ``std``: one sigma of a number
+    that was found, 0: it is as it is said.
 
     A position such as ("imu_position", "x") is moved by value * span [m]; anything else, such as
     ("sensors", "air_data", "delay") or ("process_noise", "wind"), becomes the value. Raises InputError where the
@@ -236,7 +237,7 @@ def with_setting(aircraft: Aircraft, setting: tuple[str, ...], value: float) -> 
             for key in (setting[0], name)[: len(setting) - 1]:
                 place[key] = dict(place.get(key) or {})
                 place = place[key]
-            place[setting[-1]] = float(value)
+            place[setting[-1]] = f"{value:.4g} ± {std:g}" if std else float(value)
     return replace(aircraft_from_dict(source), unsaid=aircraft.unsaid)
 
 
