@@ -220,9 +220,7 @@ def test_a_measurement_effect_changes_a_setting_and_gets_an_id_of_its_own(run, a
     assert outcome.improved and "fits forces and moments better than 0" in outcome.verdict
     version = outcome.version
     surfaces = version.aircraft.sensors["control_surfaces"]
-    assert (
-        surfaces.delay == value and surfaces.late_std > 0.005
-    )  # found and not said: what is learnt looks for the rest
+    assert surfaces.delay == value and surfaces.late_std > 0.005  # it was found, and is not said
     assert version.aircraft.model.terms == aircraft.model.terms
     assert version.identifier != aircraft.model.identifier
     assert version.identifier == version_identifier(version.aircraft, before.root)

@@ -70,8 +70,8 @@ MODELS, CURRENT, VERSION = "models", "model.json", "version.json"
 _IDENTIFIER = re.compile(r"[0-9A-Za-z]{1,64}")
 #: Keys of an aircraft file that are the model; a version that differs in another one has its own id.
 _MODEL_KEYS = ("model", "coefficients")
-#: One sigma [s] of a delay or a lag of the surfaces that explains a flight: it stands for servos with both and a greatest rate,
-#: and for a lag of 0.05 s 0.031 s were found. What is learnt with such a file looks for the rest, and counts it.
+#: One sigma [s] of a delay or a lag of the surfaces that explains a flight: it stands for servos with both and a
+#: greatest rate, and for a lag of 0.05 s 0.031 s were found. What is learnt with it looks for the rest, and counts it.
 _DOUBT_OF_LATENESS = 0.02
 
 
