@@ -39,9 +39,10 @@ def import_log(
         from aircraft_sysid_ros.recordings.mat_import import import_mat  # scipy, only when it is used
 
         return import_mat(path, out, overwrite=overwrite)
-    if holds_tables(path):
+    kind = suffix if suffix in _IMPORTERS else _kind_of(path)
+    if not kind and holds_tables(path):
         return _import_known_tables(path, out, calibration, overwrite)
-    importer = _import_bag if path.is_dir() or suffix in BAGS else _IMPORTERS.get(suffix)
+    importer = _import_bag if path.is_dir() or suffix in BAGS else _IMPORTERS.get(kind)
     if importer is None:
         raise _unknown(path)
     return _import_autopilot(path, importer, out, calibration, overwrite)
@@ -67,6 +68,18 @@ def _unknown(path: Path, why: str = "") -> InputError:
         f"{path} cannot be imported: files that can are {', '.join(KINDS)}, and bags; "
         f"tables need --map MAP.yaml, which `aircraft-sysid import {path} --guess MAP.yaml` begins{why}"
     )
+
+
+def _kind_of(path: Path) -> str:
+    """The usual end of the name of a log whose first bytes say what it is, whatever it is called; empty of others."""
+    try:
+        with path.open("rb") as file:
+            head = file.read(max(map(len, _MAGIC)))
+    except OSError:  # a folder, or what nobody may read: who reads it says so
+        return ""
+    if head.startswith(b"FMT,"):
+        raise InputError(f"{path} is a DataFlash log as text: import the .bin that it was made of")
+    return next((kind for magic, kind in _MAGIC.items() if head.startswith(magic)), "")
 
 
 def holds_tables(path: Path) -> bool:
@@ -198,3 +211,5 @@ _IMPORTERS: dict[str, Callable[[Path, ServoMapping | None], ImportedLog]] = {
     ".tlog": _import_tlog,
 }
 KINDS = (".mat", *_IMPORTERS)
+#: First bytes of logs that are renamed now and then, and what they are.
+_MAGIC = {b"\xa3\x95": ".bin", b"ULog\x01\x12\x35": ".ulg"}

@@ -347,8 +347,8 @@ class FlightDiagnosis:
         yield from self._of_what_is_left()
         yield from self._of_noise()
         if not self.is_calm:
-            yield "In these gusts a wrong scale or offset of the air data could not be seen:"
-            yield "fly in calm air for that."
+            yield "What the air data leave looks like gusts, and hides a wrong scale or offset of them:"
+            yield "fly in calm air to see one."
         yield from dict.fromkeys(self._of_measurement())  # a place has three numbers and one name
         for finding in found:
             effect = finding.trial.candidate.effect

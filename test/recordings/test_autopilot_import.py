@@ -483,6 +483,8 @@ def test_a_bag_of_mavros_topics(tmp_path, calibration, namespace):
         ("a.bin", b"", "does not begin"),
         ("a.ulg", b"", "not a readable ULog"),
         ("a.csv", b"1,2", "cannot be imported: files that can are .mat"),
+        ("a.log", b"FMT, 128, 89, FMT, BBnNZ, Type", "import the .bin that it was made of"),
+        ("a.log", dataflash({"MODE": FORMATS["MODE"]}, [("MODE", (1, 2, 3, 4))]), "nothing in it can be used"),
         ("a.bin", dataflash({"MODE": FORMATS["MODE"]}, [("MODE", (1, 2, 3, 4))]), "nothing in it can be used"),
     ],
 )
