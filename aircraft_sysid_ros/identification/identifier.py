@@ -7,8 +7,6 @@ carries out.
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import numpy.typing as npt
 
@@ -38,14 +36,6 @@ Array = npt.NDArray[np.float64]
 EVALUATION_STEP = 0.2
 
 
-def _for_model(options: ParameterOptions, model: AerodynamicModel) -> ParameterOptions:
-    """The options, and without relearning where the model says itself when the aeroplane changes.
-
-    Such a step and a constant that is opened at that moment are one column: each was given half of the change.
-    """
-    return replace(options, relearn=False) if "time" in model.signals_used else options
-
-
 class Identifier:
     """Estimates the parameters of an aircraft's model, fed with states and samples of controls, height and mass.
 
@@ -56,8 +46,7 @@ class Identifier:
         check_bounds(aircraft.parameter_bounds)
         self.aircraft, self.options = aircraft, options or ParameterOptions()
         self.stream = CoefficientStream(aircraft, self.options)
-        options = _for_model(self.options, aircraft.model)
-        self.learning = Learning(aircraft, options, self.stream.pace, self.stream.controls.pace)
+        self.learning = Learning(aircraft, self.options, self.stream.pace, self.stream.controls.pace)
         self._slot, self._interval = -np.inf, self.stream.pace.interval
 
     @property
@@ -90,7 +79,7 @@ class Identifier:
         check_change(self.options, options)
         self.options = options
         self.stream.change_options(options)
-        self.learning.change_options(_for_model(options, self.model))
+        self.learning.change_options(options)
 
     def adopt(self, aircraft: Aircraft, state: RlsState, estimator: Estimator, carry: Carry) -> None:
         """Go on with another model and what is known of it, see ``model_change``; ``carry`` what was known before."""

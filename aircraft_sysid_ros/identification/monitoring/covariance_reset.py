@@ -144,13 +144,17 @@ class ChangeDetector:
     ) -> list[AxisReset]:
         """Axes that have changed, as commands; ``state`` is that of least squares, ``start`` [s] of the flight.
 
-        ``lateness``: one sigma [s] of how late surfaces may be recorded, which is no change of the aeroplane.
+        ``lateness``: one sigma [s] of how late surfaces may be recorded, which is no change of the aeroplane. Axes with
+        terms in time change by those: such a step and a constant that is opened at that moment are one column, and each
+        was given half of the change.
         """
         self._follow(state)
         resets = self._settled(model) if self._settling else []
         if self.monitor.is_quiet():
             return resets
         for axis in range(len(AXES)):
+            if "time" in model.signals_of_axes[axis]:
+                continue
             if self.monitor.has_changed(axis, partial(self._explained, axis, model, state, lateness)):
                 reset = self._reset_of(axis, model, state)
                 self.monitor.forget(axis)
