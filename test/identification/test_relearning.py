@@ -394,10 +394,10 @@ def test_an_axis_that_is_taken_over_leaves_the_others_as_they_were(recursion, ai
 def test_a_step_that_the_model_has_is_not_learnt_by_a_constant_besides(aircraft):
     """The constant was opened at that moment, and each was given half of the change, 9 standard errors off, to USE.
 
-    Another axis, whose ailerons lose half, is.
+    Another axis, whose stiffness loses a third, is.
     """
     term, true = "max(sign(time-49),0)", -0.2  # flaps that take 2 s; the filter starts after one
-    lost = Effect("Cl", "max(sign(time-60),0)*da", -0.5 * aircraft.coefficients["Cl_da"])
+    lost = Effect("Cm", "max(sign(time-60),0)*alpha", -0.35 * aircraft.coefficients["Cm_alpha"])
     source = copy.deepcopy(aircraft.source)
     del source["coefficients"]
     source["model"] = {**aircraft.model.terms, "CZ": [*aircraft.model.terms["CZ"], term]}
@@ -411,5 +411,5 @@ def test_a_step_that_the_model_has_is_not_learnt_by_a_constant_besides(aircraft)
         assert found[name]["status"] == "USE"
         assert abs(found[name]["value"] - value) < 0.02, found[name]
     changed = {axis: time for axis, time, _ in pipeline.parameters.learning.changes.alarms()}
-    assert "CZ" not in changed and 58.0 < changed["Cl"] < 66.0  # when the ailerons move next
-    assert found["Cl_da"]["value"] == pytest.approx(0.5 * aircraft.coefficients["Cl_da"], rel=0.15)
+    assert "CZ" not in changed and 58.0 < changed["Cm"] < 66.0
+    assert found["Cm_alpha"]["value"] == pytest.approx(0.65 * aircraft.coefficients["Cm_alpha"], rel=0.1)
