@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import signal
 import sys
+import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -20,6 +21,8 @@ from aircraft_sysid_ros.fleet.flights import Files
 
 #: Flights with a verdict that are listed; all of them are on the page and in the tables.
 _MOST_LISTED = 10
+#: Where there is no terminal to show a bar, how far it is is said every so many seconds.
+_TOLD_EVERY = 30.0
 
 
 def add_parser(subparsers: Any) -> argparse.ArgumentParser:
@@ -66,8 +69,14 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     with progress_bar() as progress:
         task = progress.add_task("look for flights", total=None)
 
+        said = time.monotonic()
+
         def tell(what: str, count: int, total: int) -> None:
+            nonlocal said
             progress.update(task, description=what, completed=count, total=total)
+            if progress.disable and time.monotonic() - said >= _TOLD_EVERY:  # in a log of a batch system
+                said = time.monotonic()
+                _say(f"{what}: {count} of {total}")
 
         with _ended_as_by_ctrl_c():
             fleet = fly_fleet(asked, tell, _say)

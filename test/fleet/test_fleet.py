@@ -10,7 +10,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from aircraft_sysid_ros.commands import fleet as command
 from aircraft_sysid_ros.commands.fleet import render
+from aircraft_sysid_ros.commands.main import main
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.fleet import fleet as module
 from aircraft_sysid_ros.fleet.apart import Failed
@@ -174,6 +176,17 @@ def test_a_scale_that_creeps_from_flight_to_flight_is_found_and_no_parameter_of_
     assert len(pd.read_parquet(out / "sensors.parquet")) == 10
     assert "airspeed.scale" in (out / "fleet.html").read_text()
     assert "airspeed" not in (out / "prior.json").read_text()
+
+
+def test_without_a_terminal_how_far_it_is_is_said_in_lines(monkeypatch, capsys, tmp_path):
+    def fly(asked, tell, say):
+        tell("fly", 3, 400)
+        raise InputError("enough")
+
+    monkeypatch.setattr(command, "_TOLD_EVERY", 0.0)
+    monkeypatch.setattr(command, "fly_fleet", fly)
+    assert main(["fleet", str(tmp_path), "--out", str(tmp_path / "out")]) == 2
+    assert "fly: 3 of 400\n" in capsys.readouterr().err
 
 
 def test_too_few_flights_are_no_sign_that_nothing_changes(place, flown, capsys):
