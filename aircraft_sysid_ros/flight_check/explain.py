@@ -39,6 +39,8 @@ _UNITS: dict[str, dict[float, str]] = {
     "static_pressure": {0.01: "hPa", 0.001: "kPa", 1.450377e-4: "psi", 2.952998e-4: "inHg"},
     "air_density": {1.940320e-3: "slug/ft³", 1000.0: "g/m³"},
 }  # fmt: skip
+#: What makes a density so many times what it should be, between these limits.
+_KELVIN, _KELVIN_WORDS = (0.42, 0.56), "give the air temperature in °C, if it is in K: that makes such a density; else "
 #: A ratio is that of a unit within this factor, a large one within a power of it; below the least it is a scale.
 _NEAR, _FAR, _FURTHEST, _LEAST_UNIT = 1.3, 0.2, 2.0, 1.5
 #: Which signals are doubted last: of sign, scale and time.
@@ -156,7 +158,8 @@ def _ratio(fault: Fault) -> tuple[Finding, float]:
         return Finding((name,), "unit", ERROR, text), nearest
     text = f"it is {ratio:.3f} times (between {low:.3f} and {high:.3f}) what it should be by {against}"
     kind, severity = ("unit", ERROR) if max(ratio, 1.0 / ratio) > 2.0 else ("scale", WARNING)
-    return Finding((name,), kind, severity, f"{text}: calibrate it, or divide it by {ratio:.3f}"), ratio
+    first = _KELVIN_WORDS if name == "air_density" and _KELVIN[0] < ratio < _KELVIN[1] else ""
+    return Finding((name,), kind, severity, f"{text}: {first}calibrate it, or divide it by {ratio:.3f}"), ratio
 
 
 def _late(fault: Fault, flight: Flight) -> Finding:

@@ -387,6 +387,19 @@ def test_what_hinders_a_guess_is_said(tmp_path):
     assert "twice.csv has several columns 'p': rename all but one" in guess_map(tmp_path / "twice.csv").notes
 
 
+@pytest.mark.parametrize("of_day", [True, False])
+def test_a_gap_and_midnight_hide_no_unit(flown, tmp_path, of_day):
+    """The integral of the velocity stood still in the gap, in which the position went on."""
+    stamp, c = flown.on_one_grid(held=False)
+    seconds = (stamp - stamp[0]) * 1e-9
+    kept = (seconds < 20.0) | (seconds > 32.0)
+    time = np.mod(86_400.0 - 40.0 + seconds, 86_400.0) if of_day else seconds
+    columns = {"UTC": time, "VN": c["vn"] / 0.514444, "VE": c["ve"] / 0.514444, "LAT": c["lat"], "LON": c["lon"]}
+    layouts.write_rows(tmp_path / "gap.csv", list(columns), [column[kept] for column in columns.values()])
+    found = active(tmp_path / "gap.csv")
+    assert found["velocity.north"] == ("VN", "kt", 1.0) and found["velocity.east"] == ("VE", "kt", 1.0)
+
+
 def test_clocks_of_tables_that_do_not_overlap_are_said(flown, tmp_path):
     time = np.arange(0.0, 20.0, 0.1)
     for name, start in (("a", 0.0), ("b", 5000.0)):

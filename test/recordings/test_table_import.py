@@ -240,6 +240,23 @@ def test_files_of_one_pattern_continue_each_other(flown, tmp_path):
     np.testing.assert_allclose(samples.values[:, :3], flown.force, rtol=1e-9, atol=1e-12)
 
 
+@pytest.mark.parametrize("unit", ["s", "ms", "iso"])
+def test_a_clock_of_the_day_goes_on_past_midnight(tmp_path, monkeypatch, unit):
+    """Flights in the evening of America are at midnight in UTC; rows are read in pieces of 30."""
+    monkeypatch.setattr(streams, "ROWS", 30)
+    seconds = np.round(np.mod(86_390.0 + np.arange(0.0, 20.0, 0.2), 86_400.0), 1)
+    hours, rest = np.divmod(seconds, 3600.0)
+    texts = [f"{int(h):02d}:{int(r // 60.0):02d}:{r % 60.0:04.1f}" for h, r in zip(hours, rest, strict=True)]
+    shown = {"s": seconds, "ms": 1e3 * seconds, "iso": texts}[unit]
+    rows = [f"{t},{i},{2 * i},{3 * i}" for i, t in enumerate(shown)]
+    (tmp_path / "gps.csv").write_text("\n".join(["t,n,e,d", *rows]) + "\n")
+    signals = [(f"velocity.{way}", way[0], "m/s") for way in ("north", "east", "down")]
+    text = layouts.map_of((None, f"{{column: t, unit: {unit}}}", signals))
+    report, samples, _ = imported(tmp_path / "gps.csv", text, tmp_path)
+    assert np.diff(samples.stamp) == pytest.approx(0.2e9) and len(samples) == 100
+    assert "gps.csv: its clock passed midnight, and goes on from there" in report["notes"]
+
+
 @pytest.mark.long  # of the whole process, and at larger sizes: test_import_memory.py
 def test_the_memory_does_not_grow_with_the_file(tmp_path, monkeypatch):
     """Twice the rows, read in pieces of 500: the peak of what Python and NumPy hold stays where it was."""

@@ -22,6 +22,8 @@ NO_TIME = np.iinfo(np.int64).min
 _IRIG = re.compile(r"\s*(\d{1,3}):(\d{1,2}):(\d{2}):(\d{2}(?:\.\d*)?)\s*")
 _TIME_OF_DAY = re.compile(r"\s*(\d{1,2}):(\d{2}):(\d{2}(?:[.,]\d*)?)\s*")
 _DAY = 86_400
+#: A clock of a day that goes back has passed midnight if it then is no later [s] than this after where it was.
+_PAUSE_AT_MIDNIGHT = 600
 
 
 def stamps_of(values: npt.NDArray[Any], base: TimeBase, clock: str | datetime | None, where: str) -> Stamps:
@@ -34,6 +36,16 @@ def stamps_of(values: npt.NDArray[Any], base: TimeBase, clock: str | datetime | 
     ticks, missing = _ticks(values, base, where)
     zero = _zero(clock, ticks[~missing])
     return np.where(missing, NO_TIME, ticks + zero)
+
+
+def days_later(times: npt.NDArray[Any], before: float, second: int = NANOSECONDS) -> npt.NDArray[np.int64]:
+    """What to add to times (n,), of so many ticks in a ``second``, since their clock passed midnight; ``before`` them.
+
+    A clock that shows the time of the day goes back by a day then, but for the time that passed.
+    """
+    steps, day = np.diff(times, prepend=before), _DAY * second
+    passed = (steps < 0) & (steps + day > 0) & (steps + day <= _PAUSE_AT_MIDNIGHT * second)
+    return np.asarray(np.cumsum(passed) * day, dtype=np.int64)
 
 
 def start_note(colmap: ColumnMap) -> list[str]:

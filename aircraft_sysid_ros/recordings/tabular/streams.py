@@ -14,7 +14,7 @@ import numpy.typing as npt
 from aircraft_sysid_ros.errors import InputError, echo
 from aircraft_sysid_ros.flight_check.signals import interpolated_length
 from aircraft_sysid_ros.recordings.imported_log import LATEST
-from aircraft_sysid_ros.recordings.tabular.clock import NO_TIME, Stamps, stamps_of
+from aircraft_sysid_ros.recordings.tabular.clock import NO_TIME, Stamps, days_later, stamps_of
 from aircraft_sysid_ros.recordings.tabular.column_map import ColumnMap, MappedSignal, TableMap
 from aircraft_sysid_ros.recordings.tabular.signals import place_in_vector, unit_of, vector_of, wild_beyond
 from aircraft_sysid_ros.recordings.tabular.source import Source, natural_order
@@ -298,6 +298,8 @@ class _TableReader:
         )
         self._last: int | None = None
         self._last_table = ""
+        self._read: int | None = None  # stamp [ns] of the newest row, as its clock shows it
+        self._days = 0  # [ns] since that clock passed midnight
         self._shift = 0  # [ns] by which what follows restarts of the time is later
         self._wild: dict[str, _Wild] = {}  # by signal, of the table that is read
         self._begins: list[int] = []
@@ -343,6 +345,7 @@ class _TableReader:
         for piece in table.read(self.columns, ROWS):
             stamp = self._stamps(piece, table)
             timed = stamp != NO_TIME
+            self._go_on_past_midnight(stamp, timed, table)
             timeless += int((~timed).sum())
             if self.map.time.restarts:
                 stamp = self._run_on(stamp, timed)
@@ -384,6 +387,19 @@ class _TableReader:
         column = self.map.time.column
         return stamps_of(piece[column], self.map.time, self.clock, f"the time column '{column}' of {table.name}")
 
+    def _go_on_past_midnight(self, stamp: Stamps, timed: npt.NDArray[np.bool_], table: Table) -> None:
+        """Make stamps (n,) of a clock of a day go on where it passed midnight."""
+        there = stamp[timed]
+        if not len(there):
+            return
+        before = int(there[0]) if self._read is None else self._read
+        later = days_later(there, before)
+        self._read = int(there[-1])
+        if later[-1]:
+            self.notes.append(f"{table.name}: its clock passed midnight, and goes on from there")
+        stamp[timed] = there + self._days + later
+        self._days += int(later[-1])
+
     def _check_order(self, stamp: Stamps, timed: npt.NDArray[np.bool_], table: Table, read: int) -> None:
         rows = np.flatnonzero(timed)
         if not len(rows):
@@ -405,7 +421,7 @@ class _TableReader:
             )
         raise InputError(
             f"the time of {table.name} goes back by {seconds:g} s at data row {row}: "
-            "sort the rows, cut it where the clock passed midnight, or write restarts: true into its time in the map "
+            "sort the rows, or write restarts: true into its time in the map "
             "where every manoeuvre begins anew"
         )
 

@@ -116,9 +116,12 @@ class Grid:
             return np.where(weight > 0.95, mean / weight, np.nan)
 
     def integral(self, values: Array) -> Array:
-        """Sum over time from the first known value on; over gaps it stands still."""
+        """Sum over time from the first known value on; over gaps it goes on from value to value."""
         known = np.isfinite(values)
-        total = np.cumsum(np.where(known, values, 0.0)) * self.step
+        if not known.any():
+            return values
+        at = np.arange(len(values))
+        total = np.cumsum(np.interp(at, at[known], values[known])) * self.step
         return np.where(np.cumsum(known) > 0, total, np.nan)
 
     def changes(self, values: Array, seconds: float = 6.0) -> Array:

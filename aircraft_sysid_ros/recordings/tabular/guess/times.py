@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.errors import InputError
-from aircraft_sysid_ros.recordings.tabular.clock import NO_TIME, stamps_of
+from aircraft_sysid_ros.recordings.tabular.clock import NO_TIME, days_later, stamps_of
 from aircraft_sysid_ros.recordings.tabular.column_map import TEXT_TIMES, TimeBase
 from aircraft_sysid_ros.recordings.tabular.guess.names import TIME, guess_name
 from aircraft_sysid_ros.recordings.tabular.table import Table, numbers
@@ -96,6 +96,7 @@ def _candidate(name: str, values: npt.NDArray[Any], unit: str) -> TimeGuess | No
     if values.dtype.kind == "M" or (values.dtype.kind in "OUT" and _is_text(values)):
         return _of_texts(name, values)
     ticks, bad = numbers(values)
+    ticks = _past_midnight(ticks)
     known = ticks[np.isfinite(ticks)]
     rising = np.diff(known) > 0.0
     if bad > 0.1 * len(ticks) or len(known) < 3 or not rising.any():
@@ -146,6 +147,14 @@ def _running_on(seconds: Array) -> Array:
     return out
 
 
+def _past_midnight(ticks: Array) -> Array:
+    """Times (n,) that go on where the clock of a day passed midnight, whatever their unit is."""
+    out, rows = ticks.copy(), np.flatnonzero(np.isfinite(ticks))
+    for second in (1, 1_000, 1_000_000) if len(rows) else ():
+        out[rows] += days_later(out[rows], out[rows[0]], second)
+    return out
+
+
 def _is_text(values: npt.NDArray[Any]) -> bool:
     first = next((value for value in values.tolist() if value is not None and value == value), None)
     return first is not None and not isinstance(first, (int, float))
@@ -157,7 +166,7 @@ def _of_texts(name: str, values: npt.NDArray[Any]) -> TimeGuess | None:
             stamps = stamps_of(values, TimeBase(name, unit, 0.0, 0), None, name)
         except InputError:
             continue
-        seconds = np.where(stamps == NO_TIME, np.nan, stamps * 1e-9)
+        seconds = _past_midnight(np.where(stamps == NO_TIME, np.nan, stamps * 1e-9))
         known = seconds[np.isfinite(seconds)]
         if len(known) > 2 and not (np.diff(known) < 0.0).any() and known[-1] > known[0]:
             return TimeGuess(name, unit, seconds, True, True, [f"{unit}: texts that are times"])
