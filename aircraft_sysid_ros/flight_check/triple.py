@@ -14,8 +14,9 @@ from aircraft_sysid_ros.flight_check.grid import Comparison, compare
 
 Array = npt.NDArray[np.float64]
 
-#: An axis follows another: correlation with that, and share of it that its own has at most.
-_FOLLOWS, _OWN = 0.7, 0.5
+#: An axis follows another: correlation with that, and share of it that its own has at most, or how many times more of
+#: its variance its own leaves: where roll and yaw go together, p and r have much in common.
+_FOLLOWS, _OWN, _LEAVES = 0.7, 0.5, 10.0
 
 
 @dataclass(frozen=True)
@@ -46,7 +47,9 @@ class Triple:
         for i, row in enumerate(self.comparisons):
             strength = [abs(c.correlation) if c is not None and c.is_sure else 0.0 for c in row]
             j = int(np.argmax(strength))
-            if j != i and strength[j] > _FOLLOWS and strength[i] < _OWN * strength[j]:
+            leaves = [1.0 - min(each, 1.0) ** 2 for each in strength]
+            is_less = strength[i] < _OWN * strength[j] or leaves[i] > _LEAVES * leaves[j]
+            if j != i and strength[j] > _FOLLOWS and is_less:
                 found[i] = j
         return found
 

@@ -8,6 +8,7 @@ import pytest
 from aircraft_sysid_ros.flight_check.check import check
 from aircraft_sysid_ros.flight_check.finding import ERROR
 from aircraft_sysid_ros.flight_check.signals import SURFACES, flight_of
+from aircraft_sysid_ros.flight_check.triple import Triple
 from aircraft_sysid_ros.pipeline import Pipeline
 from aircraft_sysid_ros.samples import Kind, Samples
 from aircraft_sysid_ros.simulation.simulated_flight import default_aircraft, simulate_samples
@@ -54,3 +55,14 @@ def test_exchanged_surfaces_are_named(samples, one, other):
     found = errors(Samples(samples.stamp, samples.kind, values))
     assert found.keys() == {one, other}
     assert f"take this one for {other}" in found[one] and f"take this one for {one}" in found[other]
+
+
+def test_rates_that_go_together_are_told_by_what_they_leave():
+    """Yaw followed roll with -0.6: p and r that were exchanged were both to be reversed."""
+    rng = np.random.default_rng(5)
+    roll, pitch, yaw = (np.convolve(rng.standard_normal(4000), np.ones(10) / 10.0, "same") for _ in range(3))
+    yaw = 0.8 * yaw - 0.6 * roll
+    noisy = [signal + 0.01 * rng.standard_normal(4000) for signal in (roll, pitch, yaw)]
+    names = ("p", "q", "r")
+    assert Triple(names, noisy, (roll, pitch, yaw), 0.05, "").follows == {}
+    assert Triple(names, noisy[::-1], (roll, pitch, yaw), 0.05, "").follows == {0: 2, 2: 0}
