@@ -393,5 +393,12 @@ class WindTriangle:
         between = 0.5 * (1.0 + was.scale)
         if between - high[0] > RIGHT * high[1] if was.scale > 1.0 else low[0] - between > RIGHT * low[1]:
             self.readings[-1] = was._replace(until=now)
-        elif is_proven and (found[0] > 1.0) == (was.scale > 1.0) and found[1] < _SURER * was.std:
+        elif is_proven and (found[0] > 1.0) == (was.scale > 1.0) and _is_better(found, was):
             self.readings[-1] = was._replace(scale=found[0], std=found[1])
+
+
+def _is_better(found: tuple[float, float, int], was: Reading) -> bool:
+    """Whether a scale is to be said anew: it is much surer, or as sure and another one, as the first that is proven is
+    further off than most.
+    """
+    return found[1] < _SURER * was.std or (found[1] <= was.std < abs(found[0] - was.scale))
