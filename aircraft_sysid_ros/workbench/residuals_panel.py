@@ -68,4 +68,5 @@ class ResidualsPanel(Panel):
 
     def _download(self) -> None:
         view = self.page.view
-        ui.download.content(coefficients_csv(view.comparison), f"coefficients_{view.current}.csv", "text/csv")
+        name = f"{self.page.session.path.name}_coefficients_{view.current}.csv"
+        ui.download.content(coefficients_csv(view.comparison), name, "text/csv")

@@ -75,9 +75,9 @@ def test_a_figure_that_is_saved_says_what_it_is(server, open_page) -> None:
     plot.hover()
     with page.expect_download() as download:
         plot.locator(".modebar-btn").first.click()
-    assert download.value.suggested_filename == "Cl-measured-and-predicted-over-time-and-the-residual.svg"
+    assert download.value.suggested_filename == "run-Cl-measured-and-predicted-over-time-and-the-residual.svg"
     drawn = download.value.path().read_text(encoding="utf8")
-    for words in ("Cl measured and predicted over time, and the residual", ">measured<", ">residual, held out<"):
+    for words in ("run: Cl measured and predicted over time, and the residual", ">measured<", ">residual, held out<"):
         assert words in drawn, words
     assert drawn.count(">two sigma of noise<") == 1
     assert "fill: rgb(27, 33, 39)" in drawn  # light letters stand on the dark ground of the page
