@@ -118,7 +118,7 @@ class HealthWatch:
 
     def adopt(self, model: AerodynamicModel) -> None:
         """Go on with another model."""
-        names = model.parameter_names
+        names = self._names = model.parameter_names
         known = [self._known.get(name, (np.nan, np.nan)) for name in names]
         self._mean, self._std = np.array(known).reshape(-1, 2).T
         self._patterns = patterns(names, self._known, self._shape) if self._known else {}
@@ -161,6 +161,14 @@ class HealthWatch:
             return None
         alike = sorted((other for other in found if other[1] != kind and other[0] > gain - ALIKE), reverse=True)
         return (kind, *(other[1] for other in alike)), size, of_size
+
+    @property
+    def axes(self) -> set[str]:
+        """Axes whose parameters what was found just now moves."""
+        if self.now is None:
+            return set()
+        moved = np.flatnonzero(np.nan_to_num(self._patterns[self.now.kinds[0]]))
+        return {self._names[j].partition("_")[0] for j in moved}
 
     def sentence(self, found: Found) -> str:
         """What was found, for people."""

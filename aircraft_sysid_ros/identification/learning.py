@@ -299,7 +299,8 @@ class Learning:
                 self.known.begin(self.estimator.known())
 
     def _look_at_prior(self, now: float, start: float) -> None:
-        """Watch the health of the aeroplane, and drop what earlier flights say of axes where least squares contradicts.
+        """Watch the health of the aeroplane, and drop what earlier flights say of axes where least squares contradicts,
+        or which a fault moves that all of them together show.
 
         An axis that is held says nothing.
         """
@@ -314,6 +315,9 @@ class Learning:
                 own[model.axis_slice(name)] = found
                 self.fleet.look(axis, *_columns(found), now - start)
         self.health.look(*_columns(own), now - start)
+        if self.health.now is not None:
+            for name in self.health.axes:
+                self.fleet.drop(AXES.index(name), f"dropped: {self.health.sentence(self.health.now)}")
 
     def _restore(self, restores: list[Restore]) -> None:
         for axis, good in restores:

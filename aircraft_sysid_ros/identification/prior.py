@@ -75,7 +75,11 @@ def _of_axis(model: AerodynamicModel, axis: str, prior: FleetPrior | None) -> Ax
 
 
 def helped(theta: Array, covariance: Array, prior: AxisPrior | None) -> Helped | None:
-    """One axis (n,), (n, n) with its prior; None where that does not count, or this flight says nothing yet."""
+    """One axis (n,), (n, n) with its prior; None where that does not count, or this flight says nothing yet.
+
+    Nor where what comes of it is further from the prior of a parameter than ``LIMIT`` standard errors of both: then
+    another one has changed, and this one would pay for it.
+    """
     if prior is None or prior.dropped:
         return None
     with np.errstate(all="ignore"):
@@ -95,8 +99,16 @@ def helped(theta: Array, covariance: Array, prior: AxisPrior | None) -> Helped |
         return None
     alone = (together - (1.0 - rest) * prior.mean) / rest
     std = np.minimum(np.sqrt(np.diag(both) / rest), 1.0)
+    if np.any(_apart(alone, scale * std, prior) > LIMIT):
+        return None
     grown = scale * std / np.sqrt(np.diag(both))
     return Helped(alone, both * np.outer(grown, grown), 1.0 / std)
+
+
+def _apart(value: Array, std: Array, prior: AxisPrior) -> Array:
+    """By how many standard errors of both a flight and a prior differ (n,); 0 of what the prior says nothing of."""
+    of_prior = np.sqrt(1.0 / np.where(prior.information > 0.0, prior.information, np.inf))
+    return np.where(prior.information > 0.0, np.abs(value - prior.mean) / np.hypot(std, of_prior), 0.0)
 
 
 def contradiction(names: Sequence[str], value: Array, std: Array, is_used: Bools, prior: AxisPrior) -> str:
@@ -105,14 +117,12 @@ def contradiction(names: Sequence[str], value: Array, std: Array, is_used: Bools
     ``value`` and ``std`` (n,) are by this flight alone; only what is to USE by it alone (n,) can contradict.
     """
     asked = is_used & (prior.information > 0.0)
-    of_prior = np.where(asked, 1.0 / np.sqrt(np.where(asked, prior.information, 1.0)), np.inf)
-    apart = np.where(asked, np.abs(value - prior.mean) / np.hypot(WIDER * std, of_prior), 0.0)
+    apart = np.where(asked, _apart(value, WIDER * std, prior), 0.0)
     j = int(np.argmax(apart))
     if apart[j] <= LIMIT:
         return ""
-    return (
-        f"{names[j]} is {value[j]:.3g} ± {std[j]:.2g}, and {prior.flights} say {prior.mean[j]:.3g} ± {of_prior[j]:.2g}"
-    )
+    of_prior = prior.information[j] ** -0.5
+    return f"{names[j]} is {value[j]:.3g} ± {std[j]:.2g}, and {prior.flights} say {prior.mean[j]:.3g} ± {of_prior:.2g}"
 
 
 class FleetKnowledge:

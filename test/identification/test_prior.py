@@ -47,7 +47,7 @@ def test_each_parameter_is_that_of_least_squares_with_the_others_measured_once_m
 
 def test_a_prior_never_vouches_for_its_own_parameter(regression):
     theta, covariance, _ = regression
-    for value in (-2.0, 0.0, 50.0):
+    for value in (3.0, 3.3, 3.6):  # near enough not to contradict
         prior = AxisPrior(np.array([0.0, 0.0, 0.0, value]), np.array([0.0, 0.0, 0.0, 1e6]), "flights")
         assert helped(theta, covariance, prior).theta[3] == pytest.approx(theta[3])
         assert helped(theta, covariance, prior).covariance[3, 3] == pytest.approx(covariance[3, 3])
@@ -60,6 +60,14 @@ def test_what_this_flight_does_not_know_is_not_helped(regression):
     assert helped(theta, np.full((4, 4), np.nan), prior) is None
     assert helped(theta, covariance, prior._replace(dropped="contradicted")) is None
     assert helped(theta, covariance, None) is None
+
+
+def test_what_contradicts_does_not_help_the_others_to_a_wrong_value(regression):
+    """Half of an elevator: the pair is known to earlier flights, and the one that stays would pay for the other."""
+    theta, covariance, _ = regression
+    known = np.array([400.0, 400.0, 0.0, 0.0])
+    assert helped(theta, covariance, AxisPrior(np.array([1.0, -2.0, 0.0, 0.0]), known, "flights")) is not None
+    assert helped(theta, covariance, AxisPrior(np.array([1.0, -4.0, 0.0, 0.0]), known, "flights")) is None
 
 
 def test_only_what_is_to_use_can_contradict():
@@ -124,13 +132,24 @@ def test_more_is_known_sooner_and_the_estimators_are_those_without(aircraft, sta
 
 
 def test_an_axis_that_contradicts_it_is_as_it_would_be_without(aircraft, states):
-    wrong = identified(with_values(aircraft, Cm_de=-0.4), states)
+    wrong = identified(with_values(aircraft, Cm_q=0.5 * aircraft.coefficients["Cm_q"]), states)
     without = identified(aircraft, states).snapshot()
-    assert "Cm_de is -0.8" in wrong.learning.fleet.json["Cm"] and "say -0.4 ± 0.02" in wrong.learning.fleet.notes()[-1]
+    assert "Cm_q is " in wrong.learning.fleet.json["Cm"] and "9 flights say " in wrong.learning.fleet.notes()[-1]
     assert of_axis(wrong.snapshot(), "Cm") == of_axis(without, "Cm")
     assert of_axis(wrong.snapshot(), "Cn") != of_axis(without, "Cn")
     wrong.reset()
     assert wrong.learning.fleet.json["Cm"] == "counts"
+
+
+def test_a_fault_that_the_watch_sees_takes_the_prior_of_all_axes_that_it_moves(aircraft, states):
+    """C_Z, of whose elevator a flight says little, kept the prior of the sound one: C_Z,q was wrong, and to USE."""
+    twice = {f"{axis}_de": 2.0 * aircraft.coefficients[f"{axis}_de"] for axis in ("CX", "CZ", "Cm")}
+    wrong, without = identified(with_values(aircraft, **twice), states), identified(aircraft, states).snapshot()
+    counts = wrong.learning.fleet.json
+    assert {axis for axis, said in counts.items() if "the elevator has lost power" in said} == {"CX", "CZ", "Cm"}
+    assert all(counts[axis] == "counts" for axis in ("CY", "Cl", "Cn"))
+    for axis in ("CX", "CZ", "Cm"):
+        assert of_axis(wrong.snapshot(), axis) == of_axis(without, axis)
 
 
 def test_terms_that_are_other_ones_have_no_prior(aircraft):
