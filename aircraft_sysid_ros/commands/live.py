@@ -176,7 +176,7 @@ def _fly(args: argparse.Namespace, state: Any, parameters: Any, writer: RunWrite
         print(f"listening{': ' if said else ''}{said}", file=sys.stderr, flush=True)
         say_ready(args.ready_file)
         started = time.perf_counter()
-        spin_until(executor, _finished(state, args.until_idle, stop, progress))
+        spin_until(executor, _finished(state, parameters, args.until_idle, stop, progress))
         drain([*state.inputs, *parameters.inputs], stop.left)
         state.end()
         parameters.end()
@@ -186,8 +186,10 @@ def _fly(args: argparse.Namespace, state: Any, parameters: Any, writer: RunWrite
     return result
 
 
-def _finished(state: Any, until_idle: float | None, stop: Any, progress: Progress) -> Callable[[], bool]:
-    """Whether to end: after Ctrl-C or silence; shows what has come."""
+def _finished(
+    state: Any, parameters: Any, until_idle: float | None, stop: Any, progress: Progress
+) -> Callable[[], bool]:
+    """Whether to end: after Ctrl-C, silence or the shutdown of a node; shows what has come."""
     last = {"count": 0, "time": time.perf_counter()}
     task = progress.add_task("listening", total=None)
 
@@ -196,7 +198,9 @@ def _finished(state: Any, until_idle: float | None, stop: Any, progress: Progres
         if count != last["count"]:
             last.update(count=count, time=now)
             progress.update(task, description=f"{count} samples, {state.rows_published} states")
-        return stop.is_set() or (until_idle is not None and count > 0 and now - last["time"] > until_idle)
+        if stop.is_set() or state.is_over or parameters.is_over:
+            return True
+        return until_idle is not None and count > 0 and now - last["time"] > until_idle
 
     return finished
 

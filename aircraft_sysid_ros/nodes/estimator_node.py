@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
@@ -88,6 +89,7 @@ class EstimatorNode(ConfigurableNode, ABC):
         self.together: Sequence[EstimatorNode] = (self,)
         self.numerical_faults = 0
         self.noted: list[str] = []  # what was changed or forgotten in this flight, and when
+        self._gap: tuple[int, float] | None = None  # while deactivated in flight: number of the note, since when [s]
         self._shared: dict[str, int] = {}  # topics that several programs published on, and how many
         self._is_shared = False  # just now
         self._said = ""  # what was wrong at the last look, without numbers
@@ -143,6 +145,7 @@ class EstimatorNode(ConfigurableNode, ABC):
         self._told.clear()
         self._shared.clear()
         self.noted.clear()
+        self._gap = None
         self.estimator = self.make_estimator(aircraft, values)
         self.offer()
         self._diagnostics_publisher = self.publisher(DiagnosticArray, "/diagnostics", 10)
@@ -179,8 +182,29 @@ class EstimatorNode(ConfigurableNode, ABC):
         self._offered_services.clear()
         self.estimator = None
 
+    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Activate, and say for how long it did not listen, if it did before."""
+        result = super().on_activate(state)
+        if self._gap is not None and result == TransitionCallbackReturn.SUCCESS:
+            place, begin = self._gap
+            self.noted[place] += f" ({time.monotonic() - begin:.1f} s)"
+            self._gap = None
+        return result
+
+    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Deactivate, with a note: a run that goes on has a gap."""
+        result = super().on_deactivate(state)
+        if self.flown > 0.0:
+            self._gap = len(self.noted), time.monotonic()
+            self.noted.append(
+                f"{self.get_name()} was deactivated at {self.flown:.1f} s of flight, and used nothing that came from "
+                "then until it was activated"
+            )
+        return result
+
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Stop, from whatever state."""
+        """Stop, from whatever state, for good."""
+        self.is_over = True
         return self.on_deactivate(state) if self.is_active else TransitionCallbackReturn.SUCCESS
 
     # -- for the nodes ---------------------------------------------------------------------------------------

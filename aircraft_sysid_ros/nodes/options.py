@@ -90,7 +90,10 @@ class ConfigurableNode(LifecycleNode):
         super().__init__(name, **arguments)
         self.is_active = False
         self.must_keep = ""  # why the node may not forget what it works with, in words; empty: it may
-        self.set_in_flight: dict[str, Any] = {}  # parameters that were set while active, with their newest values
+        self.is_over = False  # it was shut down, and never works again
+        self.set_in_flight: dict[str, Any] = {}  # parameters that were set since the first activation, newest values
+        self._has_worked = False  # since it was configured
+        self._to_be_used = False  # options that were set while others waited for a new configuration
         self._described = options
         self._configured_with: dict[str, Any] = {}
         for key, option in options.items():
@@ -172,6 +175,7 @@ class ConfigurableNode(LifecycleNode):
             raise
         self._configured_with = self._needing_configuration()
         self.set_in_flight.clear()
+        self._has_worked = self._to_be_used = False
         return TransitionCallbackReturn.SUCCESS
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -190,8 +194,11 @@ class ConfigurableNode(LifecycleNode):
             result = self.on_configure(state)
             if result != TransitionCallbackReturn.SUCCESS:
                 return result
+        if self._to_be_used:
+            self.use_options(self.values())
+            self._to_be_used = False
         self.activate()
-        self.is_active = True
+        self.is_active = self._has_worked = True
         return super().on_activate(state)
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -241,7 +248,11 @@ class ConfigurableNode(LifecycleNode):
         used = {name: value for name, value in given.items() if self._described[name].when is When.AT_ONCE}
         if not used:
             return
-        self.use_options(self.values())
-        if self.is_active:
+        if self._configured_with == self._needing_configuration():
+            self.use_options(self.values())
+        else:  # it is made anew when it is activated, unless what waits for that is set back
+            self._to_be_used = True
+        if self._has_worked:
             self.set_in_flight.update(used)
-            self.get_logger().info("from now on " + ", ".join(f"{name} = {value}" for name, value in used.items()))
+            since = "from now on" if self.is_active else "from its activation on"
+            self.get_logger().info(f"{since} " + ", ".join(f"{name} = {value}" for name, value in used.items()))

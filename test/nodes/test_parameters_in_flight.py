@@ -229,6 +229,42 @@ def test_inactive_a_parameter_acts_when_the_node_is_activated_again(bench, aircr
     bench.spin_until(lambda: node.count_publishers("/parameter_estimator/parameters") == 1)
 
 
+def test_inactive_what_is_set_beside_a_new_configuration_waits_for_it(bench):
+    """The old estimator was told of options that it cannot take, and the process ended with a traceback."""
+    for kind, name, other, later in (
+        (ParameterEstimatorNode, "parameter_estimator", {"step": 0.05}, {"excitation": 3.0}),
+        (StateEstimatorNode, "state_estimator", {"calm_air": True}, {"gate": 6.0}),
+    ):
+        node = bench.node(kind)
+        assert start(node)
+        usual = {key: node.get_parameter(key).value for key in other}
+        assert node.trigger_deactivate() == SUCCESS
+        first = node.estimator
+        assert all(result.successful for result in put(bench, name, **other, **later))
+        assert all(result.successful for result in put(bench, name, **usual))  # set back: nothing is made anew
+        assert node.trigger_activate() == SUCCESS
+        ((key, value),) = later.items()
+        assert node.estimator is first and getattr(node.estimator.options, key) == value
+        assert node.trigger_deactivate() == SUCCESS
+        assert all(result.successful for result in put(bench, name, **other, **later))
+        assert node.trigger_activate() == SUCCESS
+        assert node.estimator is not first and getattr(node.estimator.options, key) == value
+
+
+def test_what_is_set_while_deactivated_in_flight_and_the_gap_are_noted(bench, flying):
+    state, _, _, fly = flying
+    fly(0.0, 12.0)
+    assert put(bench, "state_estimator", gate=7.0)[0].successful
+    assert state.trigger_deactivate() == SUCCESS
+    assert put(bench, "state_estimator", gate=6.0)[0].successful
+    assert state.set_in_flight == {"gate": 6.0}
+    assert state.trigger_activate() == SUCCESS
+    (note,) = state.noted
+    assert note.startswith("state_estimator was deactivated at 1") and note.endswith(" s)")
+    assert not state.is_over
+    assert state.trigger_shutdown() == SUCCESS and state.is_over
+
+
 def test_inactive_the_queue_of_inputs_is_that_of_the_next_activation(bench):
     node = bench.node(StateEstimatorNode, input_reliability="best_effort")
     assert start(node)
