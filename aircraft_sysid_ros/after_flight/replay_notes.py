@@ -449,6 +449,8 @@ def why_no_start(state: StateEstimator) -> str:
     counts = state.counts()
     if reason := _why_useless(counts["imu"], "IMU", "imu/data", "no usable numbers"):
         return reason
+    if standing := state.order.counts.stamps_in_words:
+        return standing
     useless = {kind: _why_useless(counts[kind], *words) for kind, words in _START_WITH.items()}
     told = [reason for kind, reason in useless.items() if counts[kind]["received"] or all(useless.values())]
     if any(told):

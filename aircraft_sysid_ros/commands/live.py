@@ -33,6 +33,7 @@ from aircraft_sysid_ros.commands.progress import progress_bar, say_ready
 from aircraft_sysid_ros.commands.replay import render as render_run
 from aircraft_sysid_ros.errors import IncompleteError, InputError
 from aircraft_sysid_ros.identification.coefficients.flow_angles import VANES
+from aircraft_sysid_ros.identification.coefficients.pace import LONGEST_WAIT, stamped_behind
 from aircraft_sysid_ros.identification.options import ParameterOptions
 from aircraft_sysid_ros.installation import missing_ros, stay_local
 from aircraft_sysid_ros.nodes.inputs import drain, lost_in_words
@@ -214,9 +215,20 @@ def _late(state: Any, parameters: Any) -> dict[str, int]:
     return {kind: count for kind, count in counts.items() if count}
 
 
-def _late_note(late: dict[str, int]) -> str:
-    kinds = ", ".join(f"{count} of {kind}" for kind, count in late.items())
-    return f"samples came too late for their own time ({kinds}): a longer --horizon waits for them"
+def _far_behind(state: Any, parameters: Any) -> dict[str, float]:
+    """Kinds that came later than either step can wait, and by how much [s] at least."""
+    far = {kind.name.lower(): late for kind, late in state.order.counts.far_behind(LONGEST_WAIT).items()}
+    if (behind := parameters.stream.controls.pace.behind) > LONGEST_WAIT:
+        far["controls"] = behind
+    return far
+
+
+def _late_notes(late: dict[str, int], far: dict[str, float]) -> list[str]:
+    """What came too late, and whether waiting would help."""
+    notes = [f"{late[kind]} of {kind} came too late, {stamped_behind(far[kind])}" for kind in far if kind in late]
+    if near := ", ".join(f"{count} of {kind}" for kind, count in late.items() if kind not in far):
+        notes.append(f"samples came too late for their own time ({near}): a longer --horizon waits for them")
+    return notes
 
 
 def _changed_note(changed: dict[str, Any]) -> str:
@@ -240,7 +252,7 @@ def _result(args: argparse.Namespace, state: Any, parameters: Any, writer: Any, 
         lost[topic] = max(count, lost.get(topic, 0))
     changed = {**state.set_in_flight, **parameters.set_in_flight}
     told = (
-        _late_note(late) if late else "",
+        *_late_notes(late, _far_behind(state.estimator, parameters.estimator)),
         lost_in_words(lost),
         _changed_note(changed) if changed else "",
         *state.noted,

@@ -89,5 +89,5 @@ def render(result: dict[str, Any]) -> str:
     lines = [parameter_table(result["parameters"]["parameters"]), "", state_table(state), ""]
     lines += note_lines(result["notes"])
     lines.append(f"{state['duration']:.1f} s of flight, {state['realtime_factor']:.0f} times real time")
-    lines.append(f"run {result['run']}")
+    lines += [f"run {result['run']}"] if result["run"] else []
     return "\n".join(lines)

@@ -12,7 +12,14 @@ import numpy.typing as npt
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
 from aircraft_sysid_ros.identification.coefficients.layout import CoefficientBatch, CoefficientSample
-from aircraft_sysid_ros.identification.coefficients.pace import LOWEST_RATE, SPARSEST_CONTROLS, Pace, too_slow
+from aircraft_sysid_ros.identification.coefficients.pace import (
+    LONGEST_WAIT,
+    LOWEST_RATE,
+    SPARSEST_CONTROLS,
+    Pace,
+    stamped_behind,
+    too_slow,
+)
 from aircraft_sysid_ros.identification.conditions import CONTROL_SIGNALS, LearntConditions, listed, needs
 from aircraft_sysid_ros.identification.description import Description
 from aircraft_sysid_ros.identification.doubtful_constants import DoubtfulConstants
@@ -442,6 +449,8 @@ class Learning:
         needed, unseen = self.conditions.signals_of(self.aircraft.model, axis)
         controls = [name for name in needed if name in CONTROL_SIGNALS]
         nothing = self.newest is not None and not updates
+        if controls and nothing and (behind := controls_pace.behind) > LONGEST_WAIT:
+            return f"needs {listed(controls)}, {stamped_behind(behind)}"
         never = self._pace.is_sparse or (nothing and {*unseen} & CONTROL_SIGNALS)
         if controls and never and (apart := controls_pace.shown) > SPARSEST_CONTROLS:
             if np.isinf(apart):

@@ -8,6 +8,7 @@ import importlib
 import os
 import signal
 import sys
+import time
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
@@ -83,8 +84,7 @@ def cpu_share(before: tuple[float, float], now: tuple[float, float]) -> float:
 
 def process_times() -> tuple[float, float]:
     """Wall time and processor time of this process [s]."""
-    times = os.times()
-    return times.elapsed, times.user + times.system
+    return time.monotonic(), time.process_time()
 
 
 def start(node: LifecycleNode) -> bool:

@@ -15,6 +15,7 @@ from aircraft_sysid_msgs.srv import LoadModel, Reset, SaveModel
 from aircraft_sysid_ros.aircraft.configuration import Aircraft, with_prior
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.identification import model_change
+from aircraft_sysid_ros.identification.coefficients.pace import LONGEST_WAIT, stamped_behind
 from aircraft_sysid_ros.identification.identifier import Identifier
 from aircraft_sysid_ros.identification.learning import STALE
 from aircraft_sysid_ros.identification.model_file import in_folder, load_model, save_model
@@ -196,6 +197,8 @@ class ParameterEstimatorNode(EstimatorNode):
         silence = time.monotonic() - self._heard
         if self.is_active and silence > SILENT:
             return f"no states for {silence:.0f} s: the parameters are as old"
+        if (behind := self.estimator.stream.controls.pace.behind) > LONGEST_WAIT:
+            return f"no controls are used, {stamped_behind(behind)}"
         return ""
 
     def take_states(self, rows: Any, stamps: Any) -> None:

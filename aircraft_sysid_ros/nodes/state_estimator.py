@@ -159,7 +159,8 @@ class StateEstimatorNode(EstimatorNode):
         values["realignments"] = self.estimator.realignments
         values["restarts"] = self.estimator.order.counts.restarts
         values["state_listeners"] = self._state_publisher.get_subscription_count()
-        return "; ".join([*self.check.words, STATUS_TEXT[self.estimator.status]]).removesuffix("; "), values
+        words = [*self.check.words, self.estimator.order.counts.stamps_in_words, STATUS_TEXT[self.estimator.status]]
+        return "; ".join(filter(None, words)), values
 
     def _push(self) -> None:
         waiting, self._waiting = concatenate(self._waiting), []

@@ -25,6 +25,8 @@ _CONFIRMATION = 1 * NANOSECONDS
 _FUTURE = 30 * NANOSECONDS
 _MOST_HELD = 200_000
 _NEVER = 1 << 62
+#: So many samples, and such a share of them, with the stamp of the one before: two sensors may send under one name.
+_MANY, _MOST_STAND = 50, 0.6
 #: Stamps that step by more [s] begin another part, and one of fewer samples is wrong stamps.
 _STEP, _LEAST_PART = 1.0, 50
 
@@ -37,7 +39,29 @@ class OrderCounts:
     invalid: npt.NDArray[np.int64] = field(default_factory=lambda: np.zeros(len(Kind), np.int64))
     late: npt.NDArray[np.int64] = field(default_factory=lambda: np.zeros(len(Kind), np.int64))
     wrong_stamp: npt.NDArray[np.int64] = field(default_factory=lambda: np.zeros(len(Kind), np.int64))
+    #: By how much [ns] the least late of those that were late came too late.
+    least_late: npt.NDArray[np.int64] = field(default_factory=lambda: np.full(len(Kind), _NEVER))
+    standing: int = 0  # samples of the IMU with the stamp of the one before
     restarts: int = 0
+
+    @property
+    def stamps_in_words(self) -> str:
+        """That the stamps of the IMU, which are the clock, are none; empty: they rise."""
+        received = int(self.received[Kind.IMU])
+        if self.standing < _MANY or self.standing < _MOST_STAND * received:
+            return ""
+        return (
+            f"the stamps of the IMU stand still: {self.standing} of {received} samples have that of the one before; "
+            "the driver must stamp each with the time at which it was taken"
+        )
+
+    def far_behind(self, horizon: float) -> dict[Kind, float]:
+        """Kinds that came too late by more than any ``horizon`` [s] waits, and by how much [s] at least."""
+        return {
+            kind: float(self.least_late[kind]) / NANOSECONDS
+            for kind in Kind
+            if self.late[kind] and self.least_late[kind] > horizon * NANOSECONDS
+        }
 
 
 @dataclass(frozen=True)
@@ -148,15 +172,18 @@ class TimeOrder:
         taken = samples.stamp - self._delays[samples.kind]
         clock = self._clock_at_arrival(samples)
         known = clock > np.iinfo(np.int64).min
-        late = known & (taken < np.maximum(np.where(known, clock, 0) - self._lag, self._released_until))
+        due_at = np.maximum(np.where(known, clock, 0) - self._lag, self._released_until)
+        late = known & (taken < due_at)
         ahead = known & (samples.stamp > np.where(known, clock, 0) + _FUTURE) & (samples.kind != Kind.IMU)
         np.add.at(self.counts.late, samples.kind[late], 1)
+        np.minimum.at(self.counts.least_late, samples.kind[late], (due_at - taken)[late])
         np.add.at(self.counts.wrong_stamp, samples.kind[ahead], 1)
         keep = ~(late | ahead)
         held = concatenate([self._held, Samples(taken[keep], samples.kind[keep], samples.values[keep])])
         imu = samples.stamp[samples.kind == Kind.IMU]
         if len(imu):
             begin = int(imu[0]) if self._clock is None else self._clock
+            self.counts.standing += int(np.sum(np.diff(imu, prepend=begin - 1 if self._clock is None else begin) == 0))
             self._clock = max(begin, int(imu.max()))
             self.elapsed += self._clock - begin
         held = held[np.lexsort((held.kind, held.stamp))]  # stable: equals stay in the order of arrival

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -60,3 +62,15 @@ def test_late_vanes_are_counted_by_both_steps(aircraft, flight) -> None:
     pipeline.flush()
     of_first_step = pipeline.state.counts()["angle_of_attack"]["late"]
     assert (pipeline.parameters.late, pipeline.parameters.late_vanes, of_first_step) == (0, count, count)
+
+
+def test_controls_by_another_clock_are_said_to_be(aircraft, flight) -> None:
+    """Stamps that a driver left at 0: "not measured: record them", and a longer horizon was to wait for them."""
+    stamp = np.where(flight.kind == Kind.CONTROLS, 0, flight.stamp)
+    pipeline = Pipeline(aircraft)
+    for at in range(0, len(flight), 500):
+        pipeline.push(replace(flight, stamp=stamp)[at : at + 500])
+    pipeline.flush()
+    reasons = {p.name: p.reason for p in pipeline.parameters.snapshot().parameters}
+    assert "needs de, whose stamps are" in reasons["Cm_de"] and "stamp all by one clock" in reasons["Cm_de"]
+    assert pipeline.parameters.stream.controls.pace.behind > 1e6

@@ -69,6 +69,26 @@ def test_too_late_is_dropped_and_counted() -> None:
     assert order.counts.late[Kind.GPS_VELOCITY] == 1
 
 
+@pytest.mark.parametrize(("period", "stands"), [(10**9, True), (2 * 10**7, False), (10**7, False)])
+def test_an_imu_whose_stamps_stand_still_is_said(period, stands) -> None:
+    """In whole seconds, or not at all; two sensors under one name have each stamp twice."""
+    order = TimeOrder(0.5, np.zeros(len(Kind)))
+    stamps = np.arange(0, 10 * 10**9, 10**7) // period * period
+    for part in np.array_split(stamps, 40):
+        list(order.push(samples_of(Kind.IMU, part, np.zeros((len(part), 6)))))
+    assert ("the stamps of the IMU stand still: 990 of 1000" in order.counts.stamps_in_words) == stands
+    assert bool(order.counts.stamps_in_words) == stands
+
+
+def test_what_no_horizon_waits_for_is_told_from_what_one_does() -> None:
+    order = TimeOrder(0.5, np.zeros(len(Kind)))
+    list(order.push(samples_of(Kind.IMU, np.arange(0, 20 * 10**9, 10**7), np.zeros((2000, 6)))))
+    for kind, stamp in ((Kind.AIRSPEED, 19 * 10**9), (Kind.SIDESLIP, 10**9)):
+        list(order.push(samples_of(kind, [stamp], [1.0])))
+    assert order.counts.late[Kind.AIRSPEED] == order.counts.late[Kind.SIDESLIP] == 1
+    assert order.counts.far_behind(5.0) == {Kind.SIDESLIP: pytest.approx(18.5, abs=0.1)}
+
+
 def test_sensor_delay_moves_a_sample_to_when_it_was_true() -> None:
     delays = np.zeros(len(Kind))
     delays[Kind.GPS_VELOCITY] = 0.23

@@ -145,8 +145,11 @@ class ControlHistory:
 
     def _insert(self, kind: Kind, times: Array, values: Array, used: Array | None = None) -> None:
         """Keep a series sorted; what comes after its time was used, or could have been (n,) [s], is late."""
-        in_time = times > (self.used_until if used is None else np.maximum(used, self.used_until))
+        due = np.full(len(times), self.used_until) if used is None else np.maximum(used, self.used_until)
+        in_time = times > due
         self._count_late(kind, int((~in_time).sum()))
+        if kind == Kind.CONTROLS:
+            self.pace.note_late((due - times)[~in_time], bool(np.any(in_time & np.isfinite(due))))
         if in_time.any():
             self._behind[kind].clear()
         self._behind[kind].extend(zip(times[~in_time].tolist(), values[~in_time], strict=True))

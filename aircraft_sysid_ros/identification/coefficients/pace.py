@@ -38,6 +38,14 @@ SAMPLING_ERROR = 0.025
 #: Time [s] between samples of the controls over which they are known, beside sparse states.
 SPARSEST_CONTROLS = GAP / LOWEST_RATE
 
+#: No option lets either step wait longer [s] for samples that come late.
+LONGEST_WAIT = 5.0
+
+
+def stamped_behind(seconds: float) -> str:
+    """What is said of samples that no waiting helps, at least so late [s]."""
+    return f"whose stamps are {seconds:.3g} s behind those of the IMU: stamp all by one clock"
+
 
 def too_slow(rate: float) -> str:
     """What is said of an IMU at ``rate`` [Hz] from which nothing can be learnt."""
@@ -87,6 +95,8 @@ class Pace:
     def __init__(self) -> None:
         self.interval = 0.0  # [s]; 0: dense, or not known yet
         self._is_known = False  # a block has been full
+        self.least_late = np.inf  # [s] by which the least late of those came too late that did
+        self._in_time = False  # any came in time
         self.restart()
 
     def restart(self) -> None:
@@ -100,6 +110,16 @@ class Pace:
         if self.interval > 0.0 or np.isnan(self._newest) or self._is_known:
             return self.interval
         return float(np.median(self._open)) if len(self._open) >= _FEW else np.inf
+
+    def note_late(self, late: Array, in_time: bool) -> None:
+        """By how much [s] samples (n,) came too late, and whether others came in time."""
+        self.least_late = min(self.least_late, float(np.min(late, initial=np.inf)))
+        self._in_time = self._in_time or in_time
+
+    @property
+    def behind(self) -> float:
+        """By how much [s] all samples came too late, at least; 0 where some came in time, or none at all."""
+        return 0.0 if self._in_time or not np.isfinite(self.least_late) else self.least_late
 
     @property
     def is_sparse(self) -> bool:
