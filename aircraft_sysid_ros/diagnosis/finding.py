@@ -9,11 +9,14 @@ import numpy as np
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.diagnosis.flight.flight_data import FlightData
+from aircraft_sysid_ros.diagnosis.search.candidates import TIMES_OF_CHANGE, limits
 from aircraft_sysid_ros.diagnosis.search.evaluator import Score, errors_of, log_ratio, size_of
 from aircraft_sysid_ros.diagnosis.search.fit import Gain
 from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS
 from aircraft_sysid_ros.identification.conditions import listed
 
+#: A number so near to a limit of its own, as a share of the room, is at it.
+_EDGE = 0.02
 #: Axes whose model reads a signal of the air data.
 _RESTING = {"V": AXES, "alpha": ("CX", "CZ", "Cm"), "beta": ("CY", "Cl", "Cn")}
 
@@ -44,6 +47,7 @@ class Finding:
     #: By axis the term that explains most of what the effect leaves since it has another shape, if that has size.
     shape: Mapping[str, str] = field(default_factory=dict)
     nested: NestedValidation | None = None  # of what is named in a search of the flight
+    late_vane: float = np.nan  # [s] by how much a vane that nobody has described may be late instead; NaN: it may not
     told_by: str = ""  # in words, of what is no held-out error of the whole flight
 
     @property
@@ -62,6 +66,12 @@ class Finding:
             return f"it cannot be seen in {self._must_show_in}, where it cannot be absent"
         if self.outdone_by:
             return f"{self.outdone_by} explains clearly more, and cannot be it either: what is there is something else"
+        if np.isfinite(self.late_vane):
+            way = "late" if self.late_vane > 0.0 else "early"
+            return (
+                f"a vane that is {1e3 * abs(self.late_vane):.0f} ms {way} explains it as well, and nobody has "
+                "described the vane: say its delay under sensors of the aircraft file"
+            )
         if self.size < THRESHOLDS.size:
             return f"that is less than {THRESHOLDS.size:.0%}"
         if moved < THRESHOLDS.least_moved:
@@ -84,6 +94,10 @@ class Finding:
             return f"it does not show in {self._must_show_in}, where it cannot be absent"
         if wrong := self._wrong_sign:
             return f"its part of {wrong[0]}_{wrong[1]} has the sign that it cannot have"
+        if wrong := self._out_of_range:
+            return f"its derivative of {wrong[0]}_{wrong[1]} is none that it can have"
+        if len(edges := self._at_edges) > 1:
+            return f"its {listed(edges)} are as far as they may be: it is something else, which is a little like it"
         if self._has_wrong_share:
             return "its share of what the surface does has the sign that it cannot have"
         return ""
@@ -109,6 +123,29 @@ class Finding:
                 if sign * np.nanmean(columns @ np.nan_to_num(trial.gains[axis].parameters)) < 0.0:
                     return axis
         return ""
+
+    @property
+    def _out_of_range(self) -> str:
+        """The first axis, of those in which it shows, whose derivative is beyond what physics gives; empty: none is."""
+        trial, effect = self.trial, self.trial.candidate.effect
+        for axis, (low, high) in effect.ranges.items() if effect else ():
+            gain = trial.gains.get(axis)
+            shown = gain is not None and (axis == trial.main_axis or size_of(gain) >= 0.5 * THRESHOLDS.size)
+            if gain is not None and shown and not low <= float(gain.parameters[0]) <= high:
+                return axis
+        return ""
+
+    @property
+    def _at_edges(self) -> list[str]:
+        """Names of its inner numbers, of those that are no times, that are at a limit of theirs."""
+        effect, values = self.trial.candidate.effect, dict(self.trial.candidate.inner)
+        numbers = [n for n in effect.inner if n.name in values and n.name not in TIMES_OF_CHANGE] if effect else []
+        found = []
+        for number in numbers:
+            low, high = limits(number, self.flight)
+            share = (values[number.name] - low) / max(high - low, 1e-12)
+            found += [number.name] if min(share, 1.0 - share) < _EDGE else []
+        return found
 
     @property
     def _has_wrong_share(self) -> bool:

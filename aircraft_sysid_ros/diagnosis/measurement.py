@@ -360,9 +360,10 @@ def is_small(setting: tuple[str, ...], value: float, flight: Reconstruction) -> 
     seconds = float(np.ptp(flight.points[:, 0])) if len(flight.points) else 0.0
     if quantity == "drift":
         value *= seconds
+    if quantity == "scale" and not of_airspeed:
+        return abs(value - 1.0) < THRESHOLDS.least_angle_scale
     deviation = abs(value - 1.0) if quantity == "scale" else abs(value)
-    share = quantity == "scale" or of_airspeed
-    return deviation < (THRESHOLDS.least_scale if share else THRESHOLDS.least_offset)
+    return deviation < (THRESHOLDS.least_scale if of_airspeed else THRESHOLDS.least_offset)
 
 
 def maximum(
@@ -452,6 +453,8 @@ def _try_controls(job: Job) -> Setting:
     if best > needed:  # as much the other way
         moved = value - start if variant.setting[-1] == "lag" else start - value
         best -= max(control_gain(controls, control_errors(flight, _with_delay(aircraft, as_late + moved))), 0.0)
+        late = with_setting(_with_delay(aircraft, dict(beside).get(_CONTROL_DELAY, as_late)), variant.setting, value)
+        best = min(best, control_gain(controls, _explained(control_errors(flight, late))))
     return Setting(effect, variant, start, float(f"{value:.4g}"), best, best / needed, std, beside=beside)
 
 
@@ -484,6 +487,13 @@ def control_errors(flight: Reconstruction, aircraft: Aircraft) -> Errors:
             continue
         errors[axis] = fit.nrmse_held_out, fit.nrmse_fit
     return errors
+
+
+def _explained(errors: Errors) -> Errors:
+    """Those of moments that the model explains: where most is left of one, what a delay gains may be of what is not in
+    the model, as thrust that nobody recorded, which an autopilot answers all the time.
+    """
+    return {axis: error for axis, error in errors.items() if error[0] <= THRESHOLDS.left_most}
 
 
 def control_gain(before: Errors, after: Errors) -> float:

@@ -17,6 +17,7 @@ from aircraft_sysid_ros.diagnosis.finding import (
     share_of_first,
 )
 from aircraft_sysid_ros.diagnosis.flight.place_columns import unsaid_columns
+from aircraft_sysid_ros.diagnosis.late_vane import delay_that_explains
 from aircraft_sysid_ros.diagnosis.search.candidates import can_act
 from aircraft_sysid_ros.diagnosis.search.evaluator import (
     CandidateEvaluator,
@@ -235,7 +236,12 @@ class SearchRound:
             alike = _correlation(own, self.bench.contribution(other.trial, axis))
             if alike >= THRESHOLDS.alike and other.excess >= THRESHOLDS.as_good * finding.excess:
                 names.append(candidate.family)
-        return replace(finding, confounded_with=tuple(names), outdone_by=outdone_by)
+        late = (
+            np.nan
+            if finding.trial.candidate.happens
+            else delay_that_explains(self.bench, finding.trial, self.first[axis])
+        )
+        return replace(finding, confounded_with=tuple(names), outdone_by=outdone_by, late_vane=late)
 
 
 def _nobody(share: float) -> None:

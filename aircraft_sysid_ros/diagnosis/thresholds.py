@@ -189,8 +189,13 @@ class Thresholds:
     setting_total: float = _of(20.0, "And at least this in all, which is enough in calm air: far beyond chance.")
     least_scale: float = _of(
         0.03,
-        "A scale of the air data that is nearer to 1, or a drift of the airspeed that grows to less, changes no",
-        "coefficient by a tenth of itself. Attitudes that are some tenths of a degree wrong feign such.",
+        "A scale of the airspeed that is nearer to 1, or a drift of it that grows to less, changes no coefficient by a",
+        "tenth of itself, with its square. Attitudes that are some tenths of a degree wrong feign such.",
+    )
+    least_angle_scale: float = _of(
+        0.05,
+        "The same of an angle of flow: derivatives are as wrong as it is, half of a tenth. A vane with inertia",
+        "loses some per cent of quick motion.",
     )
     least_offset: float = _of(
         0.012,

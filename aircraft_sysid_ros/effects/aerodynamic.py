@@ -147,6 +147,8 @@ EFFECTS: tuple[Effect, ...] = (
         (Variant(terms={"CZ": ("alpha_dot",), "Cm": ("alpha_dot",)}),),
         "Errors of C_m, and less of C_Z, in quick elevator inputs, in phase with dα/dt; nearly what q explains.",
         "Pitch 3-2-1-1 together with steep turns, or plunging motion: q and α̇ must differ.",
+        # - a_tail V_H dε/dα, with arm and volume of the tail: a volume of 1.5 and a downwash of 1, twice what is flown
+        ranges={"CZ": (-7.0, 0.0), "Cm": (-30.0, 0.0)},
     ),
     Effect(
         "flaps",

@@ -148,6 +148,8 @@ class Effect:
     #: Sign of its share of a surface's derivative where physics leaves no choice: what comes late does not lead, and
     #: what is lost of a surface does not make it stronger.
     share_sign: float = 0.0
+    #: Lowest and highest value of its derivative by axis, where physics bounds it.
+    ranges: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     #: It begins beyond the usual angles of attack, with its inner number "onset" less the "width" where it has one: a
     #: wing whose flow has left it in half of a flight is no wing that stalls.
     beyond_ordinary: bool = False

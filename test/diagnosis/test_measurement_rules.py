@@ -166,11 +166,37 @@ def test_a_delay_of_the_controls_gains_more_than_one_the_other_way(calm_flight, 
     def errors(flight, changed):
         moved = (changed.sensors["control_surfaces"].delay - start) / -0.06
         gain = (1.0 if moved > 0.0 else other_way) * (1.0 - (abs(moved) - 1.0) ** 2)
-        return {"Cl": (float(np.exp(-0.25 * gain)),) * 2}
+        return {"Cl": (0.4 * float(np.exp(-0.25 * gain)),) * 2}
 
     monkeypatch.setattr(measurement, "control_errors", errors)
     job, _ = jobs_of(flight, [BY_ID["actuator_lag"]], True)
     assert (try_setting(job).evidence > 1.0) is is_said
+
+
+@pytest.mark.parametrize(("unexplained", "is_said"), [(0.4, True), (0.9, False)])
+def test_a_delay_of_the_controls_is_told_by_moments_that_the_model_explains(
+    calm_flight, monkeypatch, unexplained, is_said
+):
+    """Thrust that nobody recorded, in flights of an autopilot: shifted surfaces went together with a part of it."""
+    aircraft, flown = calm_flight
+    flight = reconstruction.reconstruct(aircraft, flown.samples, with_covariance=False)
+    start = aircraft.sensors["control_surfaces"].delay
+
+    def errors(flight, changed):
+        moved = (changed.sensors["control_surfaces"].delay - start) / -0.06
+        gain = 1.0 - (abs(moved) - 1.0) ** 2 if moved > 0.0 else -1.0
+        return {"Cl": (unexplained * float(np.exp(-0.25 * gain)),) * 2, "Cn": (0.3, 0.3)}
+
+    monkeypatch.setattr(measurement, "control_errors", errors)
+    job, _ = jobs_of(flight, [BY_ID["actuator_lag"]], True)
+    assert (try_setting(job).evidence > 1.0) is is_said
+
+
+@pytest.mark.parametrize(("key", "value", "small"), [("airspeed", 1.04, False), ("sideslip", 0.96, True)])
+def test_a_scale_counts_by_what_it_makes_of_coefficients(calm_flight, key, value, small):
+    """That of the airspeed with its square."""
+    flight = SimpleNamespace(points=np.zeros((0, 1)))
+    assert measurement.is_small(("sensors", key, "scale"), value, flight) is small
 
 
 def test_what_the_file_leaves_out_goes_before_a_fault_that_is_little_better(aircraft):
