@@ -17,7 +17,7 @@ from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 from aircraft_sysid_ros.aircraft.configuration import Aircraft, load_aircraft
 from aircraft_sysid_ros.calibration.calibration_file import load_calibration
 from aircraft_sysid_ros.calibration.correction import Correction
-from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.errors import InputError, echo
 from aircraft_sysid_ros.nodes import common
 from aircraft_sysid_ros.nodes.inputs import Input, drain, lost_in_words
 from aircraft_sysid_ros.nodes.options import AUTOSTART, ConfigurableNode, NodeOption, When
@@ -302,7 +302,8 @@ class EstimatorNode(ConfigurableNode, ABC):
         lost = self.lost
         new = {topic: more for topic, count in lost.items() if (more := count - self._told.get(topic, 0))}
         self._told = lost
-        problems = (self.shared_in_words if self._is_shared else "", lost_in_words(new), problem)
+        shared = self.shared_in_words if self._is_shared else ""
+        problems = (shared, self._twin_in_words(), self._other_types_in_words(), lost_in_words(new), problem)
         problem = "; ".join(filter(None, problems))
         self._log(problem)
         level = DiagnosticStatus.WARN[0] if problem else DiagnosticStatus.OK[0]
@@ -318,6 +319,27 @@ class EstimatorNode(ConfigurableNode, ABC):
             if heard.take_turns() and (count := self.count_publishers(heard.topic)) > 1:
                 topic, self._is_shared = heard.subscription.topic_name, True
                 self._shared[topic] = max(count, self._shared.get(topic, 0))
+
+    def _twin_in_words(self) -> str:
+        """That another program publishes what this node does; empty: none does."""
+        own = f"{self.get_fully_qualified_name()}/"
+        for publisher in self._offered_publishers:
+            if publisher.topic_name.startswith(own) and self.count_publishers(publisher.topic_name) > 1:
+                return (
+                    f"another program publishes {publisher.topic_name}, too, or was killed in the last 20 s: give each "
+                    "aircraft a namespace"
+                )
+        return ""
+
+    def _other_types_in_words(self) -> str:
+        """Inputs that somebody publishes as another type, which ROS does not deliver; empty: none."""
+        found = []
+        for heard in self.inputs:
+            kind, topic = heard.subscription.msg_type, heard.subscription.topic_name
+            mine = f"{kind.__module__.partition('.')[0]}/msg/{kind.__name__}"
+            others = sorted({info.topic_type for info in self.get_publishers_info_by_topic(topic)} - {mine})
+            found += [f"{topic} is published as {echo(other)}, and heard as {mine}" for other in others]
+        return "; ".join(found)
 
     def _log(self, problem: str) -> None:
         """Say on the terminal what has begun to be wrong, and that it is over."""

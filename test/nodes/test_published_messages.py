@@ -1,5 +1,7 @@
 """What the nodes publish is what their estimators hold, in the frames that the topics promise."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from aircraft_sysid_msgs.msg import AircraftState, ModelError, Parameter, Parameters
@@ -234,6 +236,25 @@ def test_who_subscribes_later_gets_the_newest_parameters_at_once(flown, bench):
     heard = flown[2]
     late = bench.listen(Parameters, "parameter_estimator/parameters", newest_quality())
     bench.spin_until(lambda: late and stamp(late[-1]) == stamp(heard["parameters"][-1]))
+
+
+def test_a_twin_and_an_input_of_another_type_are_named(bench, monkeypatch):
+    """Two `live` in one namespace were "ok"; a Twist on gps/vel, which ROS does not deliver, was said of nowhere."""
+    node = bench.node(StateEstimatorNode)
+    assert start(node)
+    heard = bench.listen(DiagnosticArray, "/diagnostics")
+
+    def said():
+        return heard[-1].status[0].message if heard else ""
+
+    bench.spin_until(said)
+    assert "another program" not in said() and "is published as" not in said()
+    bench.helper.create_publisher(AircraftState, "/state_estimator/state", 10)
+    twist = SimpleNamespace(topic_type="geometry_msgs/msg/Twist", endpoint_gid=bytes(24))  # of another process
+    monkeypatch.setattr(node, "get_publishers_info_by_topic", lambda topic: [twist] * topic.endswith("gps/vel"))
+    bench.spin_until(lambda: "another program publishes /state_estimator/state" in said())
+    bench.spin_until(lambda: "/gps/vel is published as geometry_msgs/msg/Twist" in said())
+    assert said().startswith("another") and ("and heard as geometry_msgs/msg/" in said()), said()
 
 
 def test_two_programs_that_publish_the_same_inputs_are_named_while_they_do_and_after_it(bench):
