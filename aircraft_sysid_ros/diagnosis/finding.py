@@ -73,7 +73,8 @@ class Finding:
                 "described the vane: say its delay under sensors of the aircraft file"
             )
         if self.size < THRESHOLDS.size:
-            return f"that is less than {THRESHOLDS.size:.0%}"
+            axis = self.trial.main_axis
+            return f"that is less than {THRESHOLDS.size:.0%} of the error that {axis[0]}_{axis[1]} had at first"
         if moved < THRESHOLDS.least_moved:
             return f"it moves the coefficient by less than {THRESHOLDS.least_moved:.0%} of its spread"
         if self.above_floor < THRESHOLDS.above_floor:

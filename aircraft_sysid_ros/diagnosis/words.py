@@ -316,9 +316,11 @@ class FlightDiagnosis:
                     "Thrust is not measured, and a throttle alone tells it badly, most of all of an engine whose speed "
                     "takes its time: record thrust or propeller speed before C_X is believed."
                 )
+            gusts = "" if self.is_calm else ", and gusts that roll and pitch it are shown by no sensor"
             yield (
                 f"The model leaves {listed(parts)}, which neither an effect nor an expression explains: look at what "
-                "it is given first (deflections that are commands, clocks that differ, an input that is not recorded)."
+                "it is given first (deflections that are commands, clocks that differ, an input that is not recorded)"
+                f"{gusts}."
             )
 
     def _of_noise(self) -> Iterator[str]:
