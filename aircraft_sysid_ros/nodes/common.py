@@ -14,6 +14,7 @@ from typing import Any
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.clock import Clock, ClockType
 from rclpy.duration import Duration
 from rclpy.exceptions import InvalidHandle, ParameterException
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
@@ -127,6 +128,11 @@ def spin_until(executor: Any, finished: Callable[[], bool]) -> None:
         except rclpy_implementation.RCLError as error:
             # A client that does not take its answer, for one: flying goes on.
             get_logger("aircraft_sysid_ros").error(" ".join(str(error).split()))
+
+
+def steady_timer(node: LifecycleNode, period: float, callback: Callable[[], None]) -> Any:
+    """A timer of a node that goes by no clock of a simulation: what it is for is as due where that stands still."""
+    return node.create_timer(period, callback, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
 
 def serve(node: LifecycleNode) -> None:

@@ -158,7 +158,7 @@ class EstimatorNode(ConfigurableNode, ABC):
         for topic in self.received:
             self.hear(common.message_class(topics[topic]), topic, partial(self._receive, topic), quality)
         diagnose = partial(self._survive, self._publish_diagnostics)
-        self._timer = self.create_timer(common.DIAGNOSTICS_PERIOD, diagnose)
+        self._timer = common.steady_timer(self, common.DIAGNOSTICS_PERIOD, diagnose)
         names = sorted(heard.subscription.topic_name for heard in self.inputs)
         self.get_logger().info(f"active, and hears {', '.join(names)}")
 

@@ -118,7 +118,7 @@ class MavlinkBridgeNode(ConfigurableNode):
         """Read the link; hear what goes back."""
         assert self.bridge is not None
         self._hear(self.bridge.back.options)
-        self._timer = self.create_timer(common.DIAGNOSTICS_PERIOD, self._publish_diagnostics)
+        self._timer = common.steady_timer(self, common.DIAGNOSTICS_PERIOD, self._publish_diagnostics)
         self._process_times = common.process_times()
         self._stop.clear()
         self._thread = threading.Thread(target=self._read, name="mavlink", daemon=True)

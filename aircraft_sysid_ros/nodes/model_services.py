@@ -103,7 +103,7 @@ class ModelServices:
 
     def start(self) -> None:
         """Look for the end of searches while the node is active."""
-        self._timer = self._node.create_timer(_POLL, self.publish_ready)
+        self._timer = common.steady_timer(self._node, _POLL, self.publish_ready)
 
     def stop(self) -> None:
         """Look no more."""

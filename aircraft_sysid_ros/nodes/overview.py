@@ -80,7 +80,7 @@ class OverviewNode(ConfigurableNode):
             )
         ]
         self._heard.append(self.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 100))
-        self._timer = self.create_timer(common.DIAGNOSTICS_PERIOD, self.sum_up)
+        self._timer = common.steady_timer(self, common.DIAGNOSTICS_PERIOD, self.sum_up)
         self.get_logger().info(f"active, and sums up {self._aeroplane} on {AGGREGATED}")
 
     def deactivate(self, left: Callable[[int], None]) -> None:

@@ -81,8 +81,8 @@ class Px4BridgeNode(ConfigurableNode):
         self.get_logger().info(f"active, and hears what PX4 publishes under {self._prefix}")
         self._look()
         self._timers = [
-            self.create_timer(_LOOK, self._look),
-            self.create_timer(common.DIAGNOSTICS_PERIOD, self._publish_diagnostics),
+            common.steady_timer(self, _LOOK, self._look),
+            common.steady_timer(self, common.DIAGNOSTICS_PERIOD, self._publish_diagnostics),
         ]
 
     def deactivate(self, left: Callable[[int], None]) -> None:
