@@ -191,7 +191,7 @@ class ParameterEstimatorNode(EstimatorNode):
         return self._waits_for(), values
 
     def _waits_for(self) -> str:
-        """States that it has not, in words; empty while they come."""
+        """What it waits for, or why nothing of it is to use, in words; empty while it learns."""
         if self.estimator.learning.newest is None:
             return "waiting for states in flight"
         silence = time.monotonic() - self._heard
@@ -199,7 +199,8 @@ class ParameterEstimatorNode(EstimatorNode):
             return f"no states for {silence:.0f} s: the parameters are as old"
         if (behind := self.estimator.stream.controls.pace.behind) > LONGEST_WAIT:
             return f"no controls are used, {stamped_behind(behind)}"
-        return ""
+        integrity = self.estimator.learning.integrity
+        return f"nothing is to use: {integrity.summary()['held']}" if all(integrity.holds) else ""
 
     def take_states(self, rows: Any, stamps: Any) -> None:
         """States (n, StateField.WIDTH) with stamps (n,) [ns] from a node of this process: none can be lost."""
