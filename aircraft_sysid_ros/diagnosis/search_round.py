@@ -236,11 +236,8 @@ class SearchRound:
             alike = _correlation(own, self.bench.contribution(other.trial, axis))
             if alike >= THRESHOLDS.alike and other.excess >= THRESHOLDS.as_good * finding.excess:
                 names.append(candidate.family)
-        late = (
-            np.nan
-            if finding.trial.candidate.happens
-            else delay_that_explains(self.bench, finding.trial, self.first[axis])
-        )
+        first, happens = self.first[axis], finding.trial.candidate.happens
+        late = np.nan if happens else delay_that_explains(self.bench, finding.trial, first)
         return replace(finding, confounded_with=tuple(names), outdone_by=outdone_by, late_vane=late)
 
 
