@@ -242,10 +242,11 @@ def _needed_beside_places(
 
 def _accuses(finding: MeasurementFinding, given: Aircraft, samples: Samples) -> bool:
     """Whether a setting is a fault. A delay is one where it lowers the error of an axis by ``Thresholds.size``, in calm
-    air too: a scale or an offset makes derivatives wrong that fit as well, a delay is seen by what quick motion leaves.
+    air too: a scale or an offset makes derivatives wrong that fit as well, a delay is seen by what quick motion leaves,
+    of an axis that the model then explains.
     """
     setting = finding.setting
-    seen = setting.of_motion or not setting.is_late or _has_size(finding)
+    seen = setting.of_motion or not setting.is_late or _has_size(finding, THRESHOLDS.left_most)
     return seen and is_a_fault(setting, given, samples)
 
 
@@ -258,7 +259,7 @@ def _why_no_fault(finding: MeasurementFinding, given: Aircraft, samples: Samples
         return "it is counted with: a sensor that averages from sample to sample is as late"
     if CONTROLS in setting.variant.setting and IMU_LAG in finding.confounded_with:
         return "it is counted with, and an IMU that is late explains as much"
-    return f"it is counted with, and lowers the error of no axis by {THRESHOLDS.size:.0%}"
+    return f"it is counted with, and lowers the error of no axis that the model explains by {THRESHOLDS.size:.0%}"
 
 
 def _moved(finding: MeasurementFinding, beside: Sequence[tuple[tuple[str, ...], float]]) -> MeasurementFinding:
@@ -361,9 +362,9 @@ def with_setting_of(
     return better, mended, replace(found, p_value=finding.p_value, confounded_with=finding.confounded_with)
 
 
-def _has_size(finding: MeasurementFinding) -> bool:
-    """Whether a setting lowers the error of an axis by ``Thresholds.size``."""
-    return any(after <= (1.0 - THRESHOLDS.size) * before for before, after in finding.errors.values())
+def _has_size(finding: MeasurementFinding, most: float = np.inf) -> bool:
+    """Whether a setting lowers the error of an axis by ``Thresholds.size``, and to ``most``."""
+    return any(after <= min((1.0 - THRESHOLDS.size) * before, most) for before, after in finding.errors.values())
 
 
 def _name(setting: Setting) -> str:
