@@ -14,7 +14,7 @@ class Recorder:
     def __init__(self, estimator):
         self.estimator, self.pushed, self.epoch = estimator, [], 0
         self.status, self.realignments = 0, 0
-        self.order = type("Order", (), {"counts": type("Counts", (), {"restarts": 0})})
+        self.order = type("Order", (), {"counts": type("Counts", (), {"restarts": 0, "stamps_in_words": ""})})
 
     def push(self, samples):
         self.pushed.append([int(stamp) // MILLISECOND for stamp in samples.stamp])

@@ -31,7 +31,7 @@ def parameters_csv(rows: Sequence[ParameterRow]) -> str:
 
 def coefficients_csv(comparison: Comparison) -> str:
     """Time [s] of the recording, and for each axis with data what is in the time plots: all points, none thinned."""
-    header, columns = ["time_s"], [time_of(comparison.flight)]
+    header, columns = ["time"], [time_of(comparison.flight)]
     for name, found in comparison.axes.items():
         header += [f"{name}_{what}" for what in ("measured", "predicted", "held_out_residual", "noise_sigma")]
         columns += [comparison.flight.coefficient(name), found.predicted, found.fit.held_out, found.floor.std]
