@@ -54,8 +54,8 @@ def test_one_addition_after_another_in_gusts(aircraft, tmp_path) -> None:
         assert candidate["error_after"] < 0.6 * candidate["error_before"]
         assert outcome.axes[axis]["error_before"] == before.axes[axis].fit.nrmse_held_out
         assert outcome.axes[axis]["error_after"] == after.axes[axis].fit.nrmse_held_out
-        values = [p["value"] for p in outcome.parameters]
-        assert [p["value"] for p in candidate["parameters"]] == pytest.approx(values, rel=1e-5)
+        for said_so, learnt in zip(candidate["parameters"], outcome.parameters, strict=True):  # as replay learns it
+            assert abs(said_so["value"] - learnt["value"]) < 3.0 * learnt["std"]
 
 
 @pytest.mark.long  # the same for terms: test_flight_test_engineer.py; settings: test_versions.py
