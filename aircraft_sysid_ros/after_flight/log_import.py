@@ -71,7 +71,10 @@ def _unknown(path: Path, why: str = "") -> InputError:
 
 
 def _kind_of(path: Path) -> str:
-    """The usual end of the name of a log whose first bytes say what it is, whatever it is called; empty of others."""
+    """The usual end of the name of a log whose first bytes say what it is, whatever it is called; empty of others.
+
+    Raises InputError for a kind that is not read.
+    """
     try:
         with path.open("rb") as file:
             head = file.read(max(map(len, _MAGIC)))

@@ -33,13 +33,13 @@ from aircraft_sysid_ros.commands.progress import progress_bar, say_ready
 from aircraft_sysid_ros.commands.replay import render as render_run
 from aircraft_sysid_ros.errors import IncompleteError, InputError
 from aircraft_sysid_ros.identification.coefficients.flow_angles import VANES
-from aircraft_sysid_ros.identification.coefficients.pace import LONGEST_WAIT, stamped_behind
+from aircraft_sysid_ros.identification.coefficients.pace import stamped_behind
 from aircraft_sysid_ros.identification.options import ParameterOptions
 from aircraft_sysid_ros.installation import missing_ros, stay_local
 from aircraft_sysid_ros.nodes.inputs import drain, lost_in_words
 from aircraft_sysid_ros.reconstruction.absences import absences
 from aircraft_sysid_ros.reconstruction.found_noise import noise_notes
-from aircraft_sysid_ros.reconstruction.options import StateOptions
+from aircraft_sysid_ros.reconstruction.options import LONGEST_WAIT, StateOptions
 from aircraft_sysid_ros.run_writer import RunWriter, state_json
 
 #: Why a node of ``live`` cannot be cleaned up from outside.

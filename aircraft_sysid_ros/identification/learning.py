@@ -13,7 +13,6 @@ from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
 from aircraft_sysid_ros.identification.coefficients.layout import CoefficientBatch, CoefficientSample
 from aircraft_sysid_ros.identification.coefficients.pace import (
-    LONGEST_WAIT,
     LOWEST_RATE,
     SPARSEST_CONTROLS,
     Pace,
@@ -49,6 +48,7 @@ from aircraft_sysid_ros.identification.predictions import KnownHistory
 from aircraft_sysid_ros.identification.prior import AxisPrior, FleetKnowledge
 from aircraft_sysid_ros.identification.trust import Trust, TrustRules
 from aircraft_sysid_ros.identification.undescribed_sensors import UndescribedSensors
+from aircraft_sysid_ros.reconstruction.options import LONGEST_WAIT
 from aircraft_sysid_ros.reconstruction.state import StateField
 from aircraft_sysid_ros.samples import Samples
 

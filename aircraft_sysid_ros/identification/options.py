@@ -8,6 +8,7 @@ from pydantic import model_validator
 
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.option import OptionError, option, options, options_of
+from aircraft_sysid_ros.reconstruction.options import LONGEST_WAIT
 
 EstimatorName = Literal["auto", "rls", "fourier", "rml"]
 _WINDOW = "the windows that were learnt from are made of it"
@@ -24,7 +25,7 @@ class ParameterOptions:
     excitation: float = option(
         2.0, "How far beyond its noise a term must move before its axis learns.", "sigma", 0.0, 100.0
     )
-    settle: float = option(0.2, "How much later than the state a control sample may come.", "s", 0.0, 5.0)
+    settle: float = option(0.2, "How much later than the state a control sample may come.", "s", 0.0, LONGEST_WAIT)
     largest_gap: float = option(0.1, "Longest time between states inside a window.", "s", 0.001, 1.0)
     measured_angles: bool = option(
         True,

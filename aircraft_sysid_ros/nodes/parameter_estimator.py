@@ -15,7 +15,7 @@ from aircraft_sysid_msgs.srv import LoadModel, Reset, SaveModel
 from aircraft_sysid_ros.aircraft.configuration import Aircraft, with_prior
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.identification import model_change
-from aircraft_sysid_ros.identification.coefficients.pace import LONGEST_WAIT, stamped_behind
+from aircraft_sysid_ros.identification.coefficients.pace import stamped_behind
 from aircraft_sysid_ros.identification.identifier import Identifier
 from aircraft_sysid_ros.identification.learning import STALE
 from aircraft_sysid_ros.identification.model_file import in_folder, load_model, save_model
@@ -27,6 +27,7 @@ from aircraft_sysid_ros.nodes import common
 from aircraft_sysid_ros.nodes.estimator_node import PROBE_TOPIC, EstimatorNode
 from aircraft_sysid_ros.nodes.model_services import DiagnosisOptions, ModelServices
 from aircraft_sysid_ros.nodes.options import NodeOption, When, node_options, options_from
+from aircraft_sysid_ros.reconstruction.options import LONGEST_WAIT
 from aircraft_sysid_ros.reconstruction.state import StateField
 from aircraft_sysid_ros.reconstruction.state_estimator import epoch_of, nanoseconds, seconds
 from aircraft_sysid_ros.ros_messages.conversion import INPUTS_TOPIC, message_fields, nanoseconds_of, to_samples

@@ -4,12 +4,17 @@ from __future__ import annotations
 
 from aircraft_sysid_ros.option import option, options
 
+#: No option lets either step wait longer [s] for samples that come late.
+LONGEST_WAIT = 5.0
+
 
 @options
 class StateOptions:
     """Options of the first step; the live node offers them as parameters."""
 
-    horizon: float = option(0.5, "How late a sample may come and still be fused at its own time.", "s", 0.0, 5.0)
+    horizon: float = option(
+        0.5, "How late a sample may come and still be fused at its own time.", "s", 0.0, LONGEST_WAIT
+    )
     #: Of a scalar innovation; more outputs at the same probability.
     gate: float = option(5.0, "Innovations beyond this are rejected.", "sigma", 2.0, 100.0)
     maximum_iterations: int = option(5, "Cap on the iterations of one measurement update.", "", 1, 50)

@@ -38,9 +38,6 @@ SAMPLING_ERROR = 0.025
 #: Time [s] between samples of the controls over which they are known, beside sparse states.
 SPARSEST_CONTROLS = GAP / LOWEST_RATE
 
-#: No option lets either step wait longer [s] for samples that come late.
-LONGEST_WAIT = 5.0
-
 
 def stamped_behind(seconds: float) -> str:
     """What is said of samples that no waiting helps, at least so late [s]."""
