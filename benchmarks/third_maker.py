@@ -53,9 +53,11 @@ JUDGING = _drawn(930_000, 17)
 MISSED = ("flaps", "engine_cut", "ground", "propeller_wash", "half_fin", "half_elevator")
 #: And judged on fresh ones, what was missed before the rest.
 JUDGING_2 = _drawn(950_000, 17, (*MISSED, *(effect for effect in EFFECTS if effect not in MISSED)))
+#: And on fresh ones once more, after the rules for late vanes and for sizes that tails have.
+JUDGING_3 = _drawn(970_000, 17)
 
 #: Number of the rules that a flight was judged by, in its line; 1 where it has none. It rises with the next rules.
-RULES = 5
+RULES = 6
 
 RIGHT, IN_SET, LATER, UNEXPLAINED, NONE, WRONG = "first", "in its set", "later", "unexplained", "none", "wrong"
 
@@ -162,7 +164,8 @@ def main() -> None:
     path = args.results or (RESULTS if args.judging else DEVELOPED)
     known = {json.loads(line)["seed"] for line in path.read_text().splitlines()} if path.exists() else set()
     listed = [
-        {"seed": seed, "effect": effect} for seed, effect in ((*JUDGING, *JUDGING_2) if args.judging else DEVELOPMENT)
+        {"seed": seed, "effect": effect}
+        for seed, effect in ((*JUDGING, *JUDGING_2, *JUDGING_3) if args.judging else DEVELOPMENT)
     ]
     listed = [job for job in listed if not args.only or job["seed"] in args.only]
     new = [job for job in listed if job["seed"] not in known][: args.most]
