@@ -76,9 +76,12 @@ for _kind, _limits in {
     LARGEST_VALUES[_kind, : len(_limits)] = _limits
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Samples:
-    """n samples in order of arrival: ``stamp`` [ns] (n,), ``kind`` (n,) and ``values`` (n, WIDTH)."""
+    """n samples in order of arrival: ``stamp`` [ns] (n,), ``kind`` (n,) and ``values`` (n, WIDTH).
+
+    Equal is what is the same object, so that a cache can have it as a key.
+    """
 
     stamp: npt.NDArray[np.int64]
     kind: npt.NDArray[np.int64]

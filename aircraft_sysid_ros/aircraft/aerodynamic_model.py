@@ -11,13 +11,14 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.expression import Lag, Program, parse_expression
+from aircraft_sysid_ros.aircraft.postfix import MAX, MIN, SIGN
 from aircraft_sysid_ros.aircraft.signals import SIGNALS
 from aircraft_sysid_ros.aircraft.term_values import evaluate, lags_of, link
 from aircraft_sysid_ros.errors import InputError, echo
@@ -26,6 +27,10 @@ AXES: tuple[str, ...] = ("CX", "CY", "CZ", "Cl", "Cm", "Cn")
 FORCES, MOMENTS = AXES[:3], AXES[3:]
 #: Terms of one axis. No flight tells more of them apart.
 MOST_TERMS = 60
+#: Points at which a term is tried before any flight reads it: small and large values of all signals, of either sign.
+_TRIED, _TRIED_POWERS = 4096, (-3.0, 4.5)
+#: Operations that make a term 0 but in a part of the flight, which no point may be in.
+_FLAT = {MAX, MIN, SIGN}
 _LONGITUDINAL = ("1", "alpha", "q", "de")
 _LATERAL = ("1", "beta", "p", "r", "da", "dr")
 TEXTBOOK_TERMS: dict[str, tuple[str, ...]] = {
@@ -146,9 +151,29 @@ def model_from_terms(terms: Mapping[str, Sequence[str | int]], inputs: tuple[str
         twice = next((p.text for p, name in zip(parsed, labels, strict=True) if labels.count(name) > 1), None)
         if twice is not None:
             raise InputError(f"the model has the term '{echo(twice)}' twice in {axis}: remove one")
+        for program in parsed:
+            _check_values(program.source, inputs)
         programs.append(parsed)
     lags_of([p for parsed in programs for p in parsed])  # not too many
     return AerodynamicModel(tuple(programs), inputs)
+
+
+@lru_cache(maxsize=4096)
+def _check_values(source: str, inputs: tuple[str, ...]) -> None:
+    """InputError for a term that no flight can give a value: no number wherever it is tried, or 0, or a constant."""
+    program, names = parse_expression(source, inputs), (*SIGNALS, *inputs)
+    text = echo(program.text)
+    if not program.signals and program.text != "1":
+        raise InputError(f"the term '{text}' reads no signal: the constant of an axis is written 1")
+    rng = np.random.default_rng(0)
+    tried = 10.0 ** rng.uniform(*_TRIED_POWERS, (len(names), _TRIED)) * rng.choice([-1.0, 1.0], (len(names), _TRIED))
+    tried[:, ::2] = abs(tried[:, ::2])
+    signals = {**dict(zip(names, tried, strict=True)), "time": np.sort(tried[names.index("time")])}
+    values = evaluate((program,), signals, inputs)
+    if not np.any(np.isfinite(values)):
+        raise InputError(f"the term '{text}' is no number, whatever the aeroplane does: correct it")
+    if not np.any(values) and not _FLAT & set(program.code[:, 0].astype(int).tolist()):
+        raise InputError(f"the term '{text}' is 0, whatever the aeroplane does: correct or remove it")
 
 
 def textbook_model() -> AerodynamicModel:

@@ -124,6 +124,10 @@ def test_labels(term, label):
         ({"CX": [True]}, "'True' in 'True' is not a number"),
         ({"CX": [None]}, "is not a number"),
         ({"CX": [["alpha"]]}, "not allowed"),
+        ({"CX": [1, "2"]}, "'2' reads no signal: the constant of an axis is written 1"),
+        ({"CX": ["1/0"]}, "'1/0' reads no signal"),
+        ({"CX": ["alpha/0"]}, "'alpha/0' is no number, whatever the aeroplane does"),
+        ({"CX": ["alpha*0"]}, r"'alpha\*0' is 0, whatever the aeroplane does"),
     ],
 )
 def test_bad_models_are_one_clear_line(terms, message):

@@ -413,8 +413,8 @@ def test_another_learner_begins_anew_and_says_so(flown, name):
 
 
 @pytest.mark.parametrize(("term", "words"), [
-    ("sqrt(-1 - alpha**2)", "is no number"), ("1/(alpha - alpha)", "is no number"),
-    ("alpha*0", "not enough motion yet"), ("max(alpha - 1.2, 0)", "not enough motion yet"),
+    ("sqrt(alpha - 1.2)", "is no number"), ("1/max(alpha - 1.2, 0)", "is no number"),
+    ("max(alpha - 1.2, 0)", "not enough motion yet"),
 ])  # fmt: skip
 @pytest.mark.parametrize("name", ["rls", "fourier"])
 def test_a_term_that_says_nothing_holds_no_other_one(flown, plain_at_fifty, name, term, words):

@@ -19,6 +19,7 @@ import numpy.typing as npt
 from aircraft_sysid_ros.aircraft.configuration import SURFACES, Aircraft
 from aircraft_sysid_ros.diagnosis.flight.flight_data import FlightData
 from aircraft_sysid_ros.diagnosis.flight.sensor_rates import with_sparse_rates
+from aircraft_sysid_ros.diagnosis.flight.slower_imu import with_slower_imu
 from aircraft_sysid_ros.diagnosis.flight.wheels import off_wheels
 from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS
 from aircraft_sysid_ros.effects.effect import with_setting
@@ -217,9 +218,12 @@ class Likelihood:
 def log_likelihood(aircraft: Aircraft, samples: Samples, noise: LearntNoise | None = None) -> Likelihood:
     """Of all innovations of the first step, which learns the noise of sensors as it goes, unless it has ``noise``.
 
+    Of a fast IMU neighbouring samples are averaged (``with_slower_imu``).
+
     What is compared has one noise: a filter that starts a sample later learns another one, of an attitude that errs
     slowly by a few per cent, and its likelihood then changes by tens for a delay of a sensor that it hardly uses.
     """
+    aircraft, samples = with_slower_imu(aircraft, samples)
     state = StateEstimator(aircraft, noise=noise)
     state.push(samples)
     state.flush()
