@@ -62,6 +62,10 @@ def _other(args: argparse.Namespace) -> str | None:
     return other
 
 
+#: What the residual is, by whether it is white.
+_LEFT = {True: "only noise", False: "more than noise", None: "too short to tell"}
+
+
 def render(result: dict[str, Any]) -> str:
     """The result for people."""
     if "between" in result:
@@ -75,14 +79,14 @@ def render(result: dict[str, Any]) -> str:
         if axis["nrmse_held_out"] is None:
             lines.append(f"{name:<6}{axis['reason']}")
             continue
-        white = {True: "only noise", False: "more than noise", None: "too short to tell"}[axis["white"]]
+        left = "fails" if axis["fails"] else _LEFT[None if axis["fails"] is None else axis["white"]]
         fit, held_out, floor = (percent(axis[key]) for key in ("nrmse_fit", "nrmse_held_out", "noise_floor"))
-        lines.append(f"{name:<6}{fit:>8}{held_out:>10}{floor:>8}  {white}")
+        lines.append(f"{name:<6}{fit:>8}{held_out:>10}{floor:>8}  {left}")
     lines.append("")
     if result["worst"]:
         lines.append("where it fails, worst first (error there, times the noise):")
         lines += [f"  {w['text']}: {percent(w['nrmse'])} %, {w['times_noise']:.1f} times" for w in result["worst"]]
-    else:
+    elif any(axis.get("fails") is False for axis in result["axes"].values()):
         lines.append("no stretch of time and no part of the flight envelope is worse than noise")
     lines += _responses(result["frequency_responses"])
     lines += picture_lines(result)

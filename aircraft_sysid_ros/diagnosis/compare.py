@@ -39,6 +39,12 @@ class AxisComparison:
     predicted: Array  # (n,) by the fit to all points
     places: tuple[Place, ...]
     quick: QuickMotion | None = None  # of a moment whose trim the model does not know
+    seconds: float = np.inf  # of flight that the errors are of
+
+    @property
+    def is_short(self) -> bool:
+        """Whether it is too little flight to say that the model fails in it."""
+        return self.seconds < THRESHOLDS.shortest
 
 
 @dataclass(frozen=True)
@@ -59,10 +65,31 @@ class Comparison:
     def notes(self) -> list[str]:
         """What the user should know about the noise of the sensors, a slow IMU, and missing sensors."""
         inferred = [name for name in self.flight.inferred if not self.flight.lacks([name])]
-        said = [*self.flight.notes, *(axis.quick.words for axis in self.axes.values() if axis.quick is not None)]
+        said = [
+            *self.flight.notes,
+            *self._too_short,
+            *(axis.quick.words for axis in self.axes.values() if axis.quick is not None),
+        ]
         if inferred:  # how well they are known no noise of a sensor says
             return [*said, *self._between_samples, self._about_inferred(inferred)]
         return [*said, *self._between_samples, *self._odd_noise, *self._not_known]
+
+    @property
+    def seconds(self) -> float:
+        """Flight [s] that the errors are of, of the axis that has most."""
+        return max(axis.seconds for axis in self.axes.values())
+
+    @property
+    def _too_short(self) -> list[str]:
+        short = {name: axis.seconds for name, axis in self.axes.items() if axis.is_short}
+        if not short:
+            return []
+        least, most = (f"{end(short.values()):.0f}" for end in (min, max))
+        seconds = least if least == most else f"{least} to {most}"
+        return [
+            f"{listed(list(short))}: {seconds} s of this flight tell what the model leaves, too few to judge it by: "
+            f"{THRESHOLDS.shortest:g} s are needed"
+        ]
 
     @staticmethod
     def _about_inferred(names: Sequence[str]) -> str:
@@ -107,6 +134,8 @@ class Comparison:
             said = f"{name}: only noise is left of the fit, but the held-out error is {times:.1f} times the floor: "
             if fit.nrmse_held_out > THRESHOLDS.far_above * fit.nrmse_fit:
                 said += f"a few blocks of this flight determine its parameters, so excite {name} in more manoeuvres"
+            elif axis.places:  # it is more than noise there
+                continue
             else:
                 said += "the noise is larger than the sensors of the aircraft file make it"
             notes.append(said)
@@ -143,6 +172,8 @@ class Comparison:
             "white": axis.whiteness.white,
             "white_p_value": axis.whiteness.p_value,
             "noise_seen": axis.noise_seen,
+            "seconds": axis.seconds,
+            "fails": None if axis.is_short else bool(axis.places),
             "not_determined": list(axis.fit.not_determined),
         }
 
@@ -167,7 +198,10 @@ def compare_axis(flight: FlightData, fit: AxisFit) -> AxisComparison:
         on_grid(flight.time, floor.noise_std, flight.step, every),
         floor.correlation(ORDER, every),
     )
-    places = tuple(failing_places(flight, fit.axis, result.held_out, floor.std, fit.spread))
+    seconds = flight.step * float(np.isfinite(result.held_out).sum())
+    places: tuple[Place, ...] = ()
+    if seconds >= THRESHOLDS.shortest:
+        places = tuple(failing_places(flight, fit.axis, result.held_out, floor.std, fit.spread))
     seen = noise_seen(floor, flight.time, residual)
     quick = quick_motion(fit) if fit.axis in MOMENTS else None
-    return AxisComparison(fit.axis, result, fit.spread, floor, whiteness, seen, predicted, places, quick)
+    return AxisComparison(fit.axis, result, fit.spread, floor, whiteness, seen, predicted, places, quick, seconds)

@@ -102,7 +102,7 @@ class RunView:
     def lengths(self) -> str:
         """How much flight is compared, and of what, in words."""
         of = "" if self.recorded is None else f" of {self.recorded:.0f} s recorded"
-        return f"{self.duration:.0f} s of flight compared{of}"
+        return f"{self.comparison.seconds:.0f} s of flight compared{of}"
 
 
 @dataclass(frozen=True)

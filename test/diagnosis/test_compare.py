@@ -65,6 +65,33 @@ def test_an_axis_that_a_few_blocks_determine_is_warned_of(flight) -> None:
     assert not any("only noise" in note for note in compare(flight).notes)
 
 
+def test_an_axis_of_some_seconds_is_not_judged(flight) -> None:
+    """529 % of the spread on 5 s of flight, and places where it failed, on a real flight of 70 s."""
+    signals = flight.signals.copy()
+    late = flight.time > flight.time[0] + 12.0
+    signals[late & (flight.time % 20.0 > 1.0), SIGNAL_INDEX["dr"]] = np.nan
+    signals[~late, SIGNAL_INDEX["dr"]] += 0.1 * np.sin(flight.time[~late]) ** 3  # a wrong record
+    found = compare(replace(flight, signals=signals))
+    short = found.axes["Cn"]
+    assert short.seconds == pytest.approx(np.isfinite(short.fit.held_out).sum() * flight.step) and short.seconds < 20.0
+    assert short.places == () and short.is_short and not found.axes["Cm"].is_short
+    assert found.json["axes"]["Cn"]["fails"] is None and found.json["axes"]["Cm"]["fails"] in (True, False)
+    (note,) = [note for note in found.notes if "too few to judge" in note]
+    assert note.startswith("CY, Cl and Cn: ") and "20 s are needed" in note
+    assert found.seconds == max(axis.seconds for axis in found.axes.values())
+
+
+def test_no_note_says_noise_where_a_place_fails(flight) -> None:
+    """Correlation saw nothing, and the note sent the user to the noise of the sensors."""
+    beta, measured = np.abs(flight.signal("beta")), flight.measured.copy()
+    most = np.nanmax(beta)
+    measured[:, AXES.index("CX")] += 0.01 * np.maximum(beta - 0.5 * most, 0.0) / most
+    found = compare(replace(flight, measured=measured))
+    axis = found.axes["CX"]
+    assert axis.places and axis.whiteness.white and axis.fit.nrmse_held_out > 1.5 * axis.floor.nrmse
+    assert not any(note.startswith("CX: only noise") for note in found.notes)
+
+
 def test_an_axis_without_data_is_null_with_a_reason(flight) -> None:
     signals = flight.signals.copy()
     signals[:, SIGNAL_INDEX["Tc"]] = np.nan

@@ -67,7 +67,8 @@ def _row(comparison: Comparison, name: str) -> AxisRow:
     if name in comparison.reasons:
         return AxisRow(name, AXIS_WORDS[name], None, None, None, NO_DATA, comparison.reasons[name])
     found = comparison.axes[name]
-    state = FAILS if found.places else {True: NOISE, False: MORE, None: SHORT}[found.whiteness.white]
+    left = SHORT if found.is_short else {True: NOISE, False: MORE, None: SHORT}[found.whiteness.white]
+    state = FAILS if found.places else left
     fit = found.fit
     return AxisRow(name, AXIS_WORDS[name], fit.nrmse_held_out, fit.nrmse_fit, found.floor.nrmse, state)
 
