@@ -16,6 +16,7 @@ from aircraft_sysid_ros.commands.progress import telling
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.fleet.folder import is_fleet
 from aircraft_sysid_ros.report.diagnosis_figures import comparison_figure
+from aircraft_sysid_ros.rounding import rounded_to_error
 
 FIGURE = "compare.png"
 
@@ -124,11 +125,15 @@ def _beside(both: dict[str, Any]) -> list[str]:
     header = f"{'parameter':<{width}}{'a':>12}{'b':>12}{'b - a':>12}{'std. error':>12}"
     lines += [header, "-" * len(header)]
     for p in both["parameters"]:
-        numbers = "".join(f"{_number(x):>12}" for x in (*p["value"], p["difference"], p["std_difference"]))
-        lines.append(f"{p['name']:<{width}}{numbers}{_verdict(p, p['name'] in both['doubtful'])}")
-    for run, only in zip("ab", both["only_in"], strict=True):
+        values = [rounded_to_error(value, std)[0] for value, std in zip(p["value"], p["std"], strict=True)]
+        numbers = (*values, *rounded_to_error(p["difference"], p["std_difference"]))
+        lines.append(
+            f"{p['name']:<{width}}{''.join(f'{x:>12}' for x in numbers)}{_verdict(p, p['name'] in both['doubtful'])}"
+        )
+    for run, only in zip("ab", both["only_values"], strict=True):
         if only:
-            lines.append(f"only in {run}: {' '.join(only)}")
+            each = (" ± ".join(rounded_to_error(*number)) for number in only.values())
+            lines.append(f"only in {run}: {', '.join(f'{name} {text}' for name, text in zip(only, each, strict=True))}")
     held_out = "on flight that was not fitted"
     if both["same_flight"]:
         held_out = "on its own states held out, on those of the other run as it was fitted to this flight"
@@ -140,15 +145,12 @@ def _beside(both: dict[str, Any]) -> list[str]:
 
 def _verdict(p: dict[str, Any], is_doubtful: bool) -> str:
     """What stands behind the numbers of a parameter."""
-    chance = f"p {p['p_value']:.1g}"
-    if is_doubtful:
-        where = " and ".join(f"{run} on {why.split(':')[0]}" for run, why in zip("ab", p["held"], strict=True) if why)
-        return f"  differs, {chance}, but {where}"
-    return f"  differs, {chance}" if p["differs"] else ""
-
-
-def _number(value: float) -> str:
-    return "-" if math.isnan(value) else f"{value:.4f}"
+    held = [(run, why.split(":")[0]) for run, why in zip("ab", p["held"], strict=True) if why]
+    where = " and ".join(f"{run} on {status}" for run, status in held)
+    if not p["differs"] and not is_doubtful:
+        return f"  {where}" if held else ""
+    differs = f"  differs, p {p['p_value']:.1g}"
+    return f"{differs}, but {where}" if is_doubtful else differs
 
 
 def percent(value: float) -> str:

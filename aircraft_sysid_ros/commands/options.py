@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import argparse
+import math
 from typing import Any
 
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.identification.options import ParameterOptions
 from aircraft_sysid_ros.option import Option, OptionError, options_of
 from aircraft_sysid_ros.reconstruction.options import StateOptions
+from aircraft_sysid_ros.rounding import rounded_to_error
 
 _BAND = ("lowest_frequency", "highest_frequency")
 
@@ -100,9 +102,9 @@ def parameter_table(parameters: list[dict[str, Any]], truth: dict[str, float] | 
     header += (f"{'truth':>12}" if truth else "") + "  status"
     lines = [header, "-" * (len(header) + 8)]
     for p in parameters:
-        line = f"{p['name']:<{width}}{_number(p['value']):>12}{_number(p['std']):>12}"
+        line = f"{p['name']:<{width}}{_with_error(p['value'], p['std'])}"
         if truth:
-            line += f"{_number(truth.get(p['name'])):>12}"
+            line += f"{_as_exact(truth.get(p['name']), p['std']):>12}"
         lines.append(f"{line}  {p['status']:<7}{p['reason']}".rstrip())
     return "\n".join(lines)
 
@@ -119,15 +121,22 @@ def state_table(state: dict[str, Any], truth: dict[str, Any] | None = None) -> s
     for name, labels, unit in parts:
         for i, label in enumerate(labels):
             title = f"{name.removesuffix('_ned').replace('_', ' ')} {label} [{unit}]"
-            line = f"{title:<30}{_number(state[name][i]):>12}{_number(state[name + '_std'][i]):>12}"
-            lines.append(line + (f"{_number(truth[name][i]):>12}" if truth else ""))
+            std = state[name + "_std"][i]
+            line = f"{title:<30}{_with_error(state[name][i], std)}"
+            lines.append(line + (f"{_as_exact(truth[name][i], std):>12}" if truth else ""))
     for name, found in state.get("air_data_errors", {}).items():
-        lines.append(f"{'air data ' + name:<30}{_number(found['value']):>12}{_number(found['std']):>12}")
+        lines.append(f"{'air data ' + name:<30}{_with_error(found['value'], found['std'])}")
     return "\n".join(lines)
 
 
-def _number(value: float | None) -> str:
-    return "-" if value is None else f"{value:.4f}"
+def _with_error(value: float | None, std: float | None) -> str:
+    """Two columns: a value and its standard error."""
+    return f"{_as_exact(value, std):>12}{'-' if std is None else rounded_to_error(0.0, std)[1]:>12}"
+
+
+def _as_exact(value: float | None, std: float | None) -> str:
+    """A number to the places that a standard error lets it have."""
+    return "-" if value is None else rounded_to_error(value, math.nan if std is None else std)[0]
 
 
 def absolute_namespace(namespace: str) -> str | None:

@@ -56,12 +56,17 @@ class Difference:
     @property
     def differs(self) -> bool:
         """Beyond doubt."""
-        return self._is_significant and not any(self.held)
+        return self._is_significant and not self.is_held
+
+    @property
+    def is_held(self) -> bool:
+        """It is not to USE in one of the runs."""
+        return any(self.held)
 
     @property
     def is_doubtful(self) -> bool:
         """It differs by its standard errors, and is not to USE in one of the runs."""
-        return self._is_significant and any(self.held)
+        return self._is_significant and self.is_held
 
     @property
     def _is_significant(self) -> bool:
@@ -151,6 +156,7 @@ class SideBySide:
             "differing": [d.name for d in self.differing],
             "doubtful": [d.name for d in self.parameters if d.is_doubtful],
             "only_in": [list(names) for names in self.only_in],
+            "only_values": [{name: list(number) for name, number in only.items()} for only in self.only_in],
             "errors": {axis: errors.tolist() for axis, errors in self.errors.items()},
             "false_alarm_rate": THRESHOLDS.false_alarm,
             "tried": self.tried,

@@ -15,6 +15,7 @@ from aircraft_sysid_ros.workbench.views.figure import DARK, LIGHT, Theme
 from aircraft_sysid_ros.workbench.views.words import sentence, typeset
 
 STYLE = Path(__file__).with_name("style.css")
+_SCRIPT = Path(__file__).with_name("frame.js").read_text(encoding="utf8")
 #: Time [s] between looks at the session.
 POLL = 0.25
 _REMEMBER_THEME = "document.cookie = 'theme={}; path=/; max-age=31536000; samesite=strict'"
@@ -50,7 +51,7 @@ class Frame(ABC):
         self.session, self.look = session, Look(DARK if (theme or "").endswith("dark") else LIGHT)
         ui.add_css(STYLE)
         ui.add_head_html(_QUIET)
-        ui.add_head_html(f"<script>{markup.SCRIPT}</script>")
+        ui.add_head_html(f"<script>{markup.SCRIPT}\n{_SCRIPT}</script>")
         self._dark = ui.dark_mode(self.look.theme is DARK)
         self.panels = self.views()
         first = next(iter(self.panels))
@@ -65,6 +66,7 @@ class Frame(ABC):
         ui.timer(POLL, self.follow)
         if theme not in ("light", "dark"):
             ui.timer(0.1, self._adopt_theme, once=True)
+        ui.on("system-theme", lambda event: self._follow_system(bool(event.args)))
 
     # -- what a page adds ------------------------------------------------------------------------------------
 
@@ -153,6 +155,12 @@ class Frame(ABC):
             wanted = DARK if await ui.run_javascript(_ASK_THEME, timeout=5.0) else LIGHT
         except TimeoutError:  # a browser that has gone, or sleeps: it stays as it is
             return
+        if wanted is not self.look.theme:
+            self._set_theme(wanted)
+
+    def _follow_system(self, is_dark: bool) -> None:
+        """The system went from light to dark, or back, and the user has chosen neither."""
+        wanted = DARK if is_dark else LIGHT
         if wanted is not self.look.theme:
             self._set_theme(wanted)
 

@@ -21,6 +21,7 @@ from aircraft_sysid_ros.workbench.worker import (
     RECORD,
     REFINE,
     REMOVE,
+    RETURN,
     UNDO,
     UNNAME,
     Done,
@@ -38,6 +39,7 @@ WORDS = {
     LOAD: "reading {}", RECORD: "reading what was estimated in flight", DIAGNOSE: "looking for what is missing",
     ADD: "adding", REMOVE: "taking away", NAME: "naming", UNNAME: "taking the name back", REFINE: "refining",
     CALIBRATE: "calibrating", UNDO: "putting back what was there",
+    RETURN: "going to a version",
 }  # fmt: skip
 #: A run that is shown, and whose folder somebody has taken away.
 GONE = "the run {} is gone: it was deleted or moved; what stands here is the last that was read of it"

@@ -11,7 +11,7 @@ from aircraft_sysid_ros.workbench import markup
 from aircraft_sysid_ros.workbench.beside_panel import BesidePanel
 from aircraft_sysid_ros.workbench.panel import Html, Panel, card, fold
 from aircraft_sysid_ros.workbench.views.history import VersionRow, history
-from aircraft_sysid_ros.workbench.worker import NAME, UNNAME, Job
+from aircraft_sysid_ros.workbench.worker import NAME, RETURN, UNNAME, Job
 
 
 class VersionsPanel(Panel):
@@ -41,7 +41,7 @@ class VersionsPanel(Panel):
     def _form(self) -> None:
         """What a version is called."""
         self._shown: tuple[str, Label] | None = None
-        with fold("Name a version", "naming"):
+        with fold("Name a version, or go back to it", "naming"):
             with ui.element("div").classes("naming"):
                 self._which = ui.select([], label="version", on_change=self._fill).props("outlined dense options-dense")
                 self._name = ui.input("name").props(f"outlined dense maxlength={LONGEST_NAME} data-testid=version-name")
@@ -51,7 +51,9 @@ class VersionsPanel(Panel):
             with ui.row().style("gap:10px; margin-top:6px"):
                 keep = ui.button("Keep the name", on_click=self._keep).props("unelevated data-testid=keep-name")
                 undo = ui.button("Undo", on_click=lambda: self._do(UNNAME)).props("flat data-testid=undo-name")
+                back = ui.button("Make it the current one", on_click=lambda: self._do(RETURN))
             self.changing(keep)
+            self._return = self.changing(back.props("outline data-testid=make-current"))
             self._undo = self.changing(undo)
 
     def update(self) -> None:
@@ -71,6 +73,7 @@ class VersionsPanel(Panel):
         if self._shown != (row.identifier, row.label):
             self._shown = (row.identifier, row.label)
             self._name.value, self._note.value = row.label.name, row.label.note
+        self._return.set_visibility(row.identifier != self.page.view.current)
         self._undo.set_visibility(len(self.page.view.labels.get(row.identifier, ())) > 1)
 
     def _keep(self) -> None:

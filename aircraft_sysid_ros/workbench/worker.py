@@ -19,6 +19,7 @@ from aircraft_sysid_ros.errors import InputError
 
 LOAD, RECORD, DIAGNOSE, ADD, REMOVE = "load", "record", "diagnose", "add", "remove"
 NAME, UNNAME, REFINE, CALIBRATE, UNDO = "name", "unname", "refine", "calibrate", "undo"
+RETURN = "return"  # to a version that there is
 
 
 @dataclass(frozen=True)
@@ -105,6 +106,7 @@ class Desk:
         work = {
             DIAGNOSE: self._diagnose, ADD: self._add, REMOVE: self._remove, NAME: self._name, UNNAME: self._take_back,
             REFINE: self._refine, CALIBRATE: self._calibrate, UNDO: self._undo,
+            RETURN: self._return,
         }.get(job.kind, self._nothing)  # fmt: skip
         sentence = work(job)
         return Done(job, view=self._read(), sentence=sentence)
@@ -153,6 +155,11 @@ class Desk:
             if label.name
             else (f"version {identifier} has no name again")
         )
+
+    def _return(self, job: Job) -> str:
+        from aircraft_sysid_ros.diagnosis.model_versions.versions import make_current
+
+        return f"version {make_current(self.path, job.text).identifier} is the current one"
 
     def _refine(self, job: Job) -> str:
         from aircraft_sysid_ros.after_flight.refine import refine_run, refined_sentences

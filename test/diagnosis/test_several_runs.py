@@ -158,6 +158,10 @@ def test_a_load_is_what_differs_between_two_flights(runs, folder, capsys):
     assert main(["compare", str(runs["monday"]), str(held)]) == 0
     said = capsys.readouterr().out
     assert "0 of 32 parameters differ by more than chance" in said and "but b on HOLD" in said
+    rows = {line.split()[0]: line for line in said.splitlines() if line.startswith(("C", "parameter"))}
+    (same, *_) = (p["name"] for p in found["parameters"] if p["p_value"] > 0.5)
+    assert rows[same].endswith("  b on HOLD")  # beside what does not differ, too
+    assert not any(text.strip("-0.") == "" for text in rows["Cn_0"].split()[3:5])  # no 0.0000
     assert f"{len(found['differing'] + found['doubtful'])} more differ by their standard errors" in said
     assert "so no difference is proven" in said and "in held is HOLD: the model explains 12 % of it" in said
 

@@ -33,3 +33,22 @@ def test_undo_brings_back_what_was_taken_out(run, served, open_page) -> None:
         page.click(marked("undo"))
         wait_for_text(page, "notice", "With 'dihedral_alpha' the held-out error falls")
         assert open_run(run).current.identifier == before.identifier
+
+
+def test_a_version_of_the_history_is_made_the_current_one(run, served, open_page) -> None:
+    """After Undo no way led back to a version that was there."""
+    before, root = open_run(run).current, open_run(run).root.model.identifier
+    with served(run) as address:
+        page = open_page(address)
+        page.click(marked("tab-versions"))
+        page.click(marked("naming") + " .q-item")
+        page.wait_for_selector(marked("keep-name"))
+        assert not page.locator(marked("make-current")).is_visible()  # it is the current one
+        for version in (root, before.identifier):
+            page.locator(marked("naming") + " .q-select").click()
+            page.locator(".q-menu .q-item", has_text=version).first.click()
+            page.click(marked("make-current"))
+            wait_for_text(page, "notice", f"Version {version} is the current one")
+            assert open_run(run).current.identifier == version
+    assert set(open_run(run).current.changes) == set(before.changes)
+    assert open_run(run).current.parents == before.parents

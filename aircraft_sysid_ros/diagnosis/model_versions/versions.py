@@ -61,7 +61,7 @@ from aircraft_sysid_ros.run_reader import (
     read_state,
 )
 from aircraft_sysid_ros.samples import Samples
-from aircraft_sysid_ros.text_file import locked
+from aircraft_sysid_ros.text_file import locked, write_whole
 
 Array = npt.NDArray[np.float64]
 
@@ -369,6 +369,26 @@ def changing(path: str | Path) -> Iterator[None]:
         with contextlib.suppress(OSError):  # no folder: open_run says so
             stack.enter_context(locked(Path(path)))
         yield
+
+
+def make_current(path: str | Path, which: str) -> Version:
+    """Make a version that there is, by its id or its name, the current one, as after an undo that was one too many.
+
+    Nothing is fitted anew. Raises InputError, and changes nothing, where the run has none of that.
+    """
+    with changing(path):
+        run = open_run(path)
+        version = version_named(run, which)
+        if version.identifier == run.current.identifier:
+            return version
+        try:
+            if (run.path / MODELS / version.identifier).is_dir():
+                write_whole(run.path / CURRENT, json_text({"model": version.identifier}) + "\n")
+            else:  # the model of the run was never left and come back to
+                (run.path / CURRENT).unlink()
+        except OSError as error:
+            raise InputError(f"cannot write to the run {run.path}: {error.strerror or error}") from None
+        return version
 
 
 def write_version(run: Run, version: Version, parameters: Mapping[str, Any], errors: Mapping[str, Any]) -> None:

@@ -8,6 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from markupsafe import Markup, escape
 
+from aircraft_sysid_ros.rounding import rounded_to_error
+
 AXIS_WORDS = {
     "CX": "axial force",
     "CY": "side force",
@@ -100,24 +102,9 @@ def _draw(found: re.Match[str]) -> Markup:
 
 
 def rounded(value: float, std: float) -> tuple[str, str]:
-    """A value and its standard error to the last place that the standard error says something of: its second digit.
-
-    0.036123 with 0.01392 is 0.036 and 0.014; where nothing is known of the error, four digits.
-    """
-    if not np.isfinite(std) or std <= 0.0:
-        return _with_minus(f"{value:.4g}"), "–"
-    place = int(np.floor(np.log10(std)))
-    places = 1 - place
-    if round(std, places) >= 10.0 ** (place + 1):  # 0.0996 is 0.10
-        places -= 1
-    if places > 7:
-        return _with_minus(f"{value:.{max(int(np.floor(np.log10(abs(value) or std))) + places, 0)}e}"), f"{std:.1e}"
-    return _with_minus(f"{round(value, places):.{max(places, 0)}f}"), f"{round(std, places):.{max(places, 0)}f}"
-
-
-def _with_minus(text: str) -> str:
-    """A true minus, and none before a zero."""
-    return text.replace("-", "−") if text.strip("-0.") else text.lstrip("-")
+    """A value and its standard error as ``rounded_to_error``, with a true minus."""
+    shown, error = rounded_to_error(value, std)
+    return shown.replace("-", "−"), error
 
 
 def percent(share: float) -> str:

@@ -1,0 +1,30 @@
+"""Values as their standard errors let them be read."""
+
+from __future__ import annotations
+
+import math
+
+#: Decimals beyond which a number is written with an exponent.
+_MOST_PLACES = 7
+
+
+def rounded_to_error(value: float, std: float) -> tuple[str, str]:
+    """A value and its standard error to the last place that the standard error says something of: its second digit.
+
+    0.036123 with 0.01392 is 0.036 and 0.014; where nothing is known of the error, four digits, and a dash for it.
+    """
+    if not math.isfinite(std) or std <= 0.0:
+        return _without_minus_zero(f"{value:.4g}"), "–"
+    place = math.floor(math.log10(std))
+    places = 1 - place
+    if round(std, places) >= 10.0 ** (place + 1):  # 0.0996 is 0.10
+        places -= 1
+    if places > _MOST_PLACES:
+        digits = max(math.floor(math.log10(abs(value) or std)) + places, 0)
+        return _without_minus_zero(f"{value:.{digits}e}"), f"{std:.1e}"
+    shown = max(places, 0)
+    return _without_minus_zero(f"{round(value, places):.{shown}f}"), f"{round(std, places):.{shown}f}"
+
+
+def _without_minus_zero(text: str) -> str:
+    return text if text.strip("-0.") else text.lstrip("-")
