@@ -481,6 +481,11 @@ def third_maker() -> str:
     return table(*diagnosis_tables.third_maker(load_lines("third_maker")))
 
 
+def other_aeroplanes() -> str:
+    """The diagnosis on aeroplanes of JSBSim that no rule was made on."""
+    return table(*diagnosis_tables.other_aeroplanes(load_lines("other_aeroplanes")))
+
+
 def polar_truth() -> str:
     """Drag polars of another maker's flights."""
     return table(*polar_tables.truth(load_lines("polar")))
@@ -761,6 +766,7 @@ TABLES: dict[str, Callable[[], str]] = {
     "strangers": strangers,
     "strangers_placed": strangers_placed,
     "third_maker": third_maker,
+    "other_aeroplanes": other_aeroplanes,
     "polar_truth": polar_truth,
     "polar_seaway": lambda: table(*polar_tables.seaway(load("polar_seaway"))),
     "faults": faults,

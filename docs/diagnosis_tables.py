@@ -188,6 +188,7 @@ def third_maker(flown: list[dict[str, Any]]) -> Rows:
         3: "rules since then, fresh seeds",
         4: "rules since that look",
         5: "twenty replicas, the rest",
+        6: "rules of late vanes, fresh seeds",
     }
     kinds = itertools.product(rules.items(), {**paces, "all": sum(paces.values(), ())}.items())
     for (number, when), (words, rates) in kinds:
@@ -212,6 +213,27 @@ def third_maker(flown: list[dict[str, Any]]) -> Rows:
         "and a name more",
     ]
     return ["judged by", "log", "clean, given what is not true", "with an effect", *heads], rows
+
+
+def other_aeroplanes(flown: list[dict[str, Any]]) -> Rows:
+    """What was said of flights of JSBSim's aeroplanes, with the share that a name takes off the truth's remainder."""
+    rows = []
+    for flight in sorted(flown, key=lambda f: (f["effect"] or "", f["aeroplane"], f["seed"])):
+        if "failed" in flight:
+            continue
+        names = []
+        for found in flight["found"]:
+            share = (
+                ""
+                if found["taken"] is None
+                else f", {percent(found['taken'])} of the remainder of {found['main_axis']}"
+            )
+            names.append(f"`{found['label']}`{share}")
+        air = f"gusts of {flight['gusts']:g} m/s at 20 ft" if flight["gusts"] else "no gusts"
+        rows.append(
+            [flight["aeroplane"], flight["plan"], air, flight["effect"] or "nothing", "; ".join(names) or "nothing"]
+        )
+    return ["aeroplane", "manoeuvres", "air", "hidden", "named"], rows
 
 
 def further_effects(flown: list[dict[str, Any]]) -> Rows:

@@ -251,5 +251,5 @@ def fly_jsbsim_hidden(setup: JsbsimSetup, wind: Array, plan: Plan, hidden: Seque
         folder, masses = None, 0
         if any(effect.terms or is_of_mass(effect) for effect in hidden):
             folder = Path(made)
-            masses = edited_model(trimmed(setup.name), setup.name, hidden, folder)
+            masses = edited_model(trimmed(setup.name, speed=setup.speed), setup.name, hidden, folder)
         return fly_jsbsim(setup, wind, plan, folder=folder, ground=ground, adjust=Adjustment(plan, hidden, masses))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import time
+import zipfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,7 +14,7 @@ from aircraft_sysid_ros.aircraft.configuration import load_aircraft
 from aircraft_sysid_ros.diagnosis.model_versions.versions import MODELS, VERSION, changed_at
 from aircraft_sysid_ros.errors import InputError, echo, one_line
 from aircraft_sysid_ros.flight_journal import FLIGHT
-from aircraft_sysid_ros.run_reader import AIRCRAFT, PARAMETERS, STATE, UNREADABLE
+from aircraft_sysid_ros.run_reader import AIRCRAFT, PARAMETERS, POINTS, SAMPLES, STATE, UNREADABLE, read_parameters
 from aircraft_sysid_ros.workbench.session import Session
 
 #: Runs that are open at once: each has a process of its own.
@@ -83,7 +84,7 @@ class Shelf:
         return [run.name for run in self.listed() if not run.problem]
 
     def _listed(self, name: str, folder: Path) -> ListedRun:
-        signature = tuple(changed_at(folder / file) for file in (AIRCRAFT, PARAMETERS, STATE, MODELS))
+        signature = tuple(changed_at(folder / file) for file in (AIRCRAFT, PARAMETERS, STATE, POINTS, SAMPLES, MODELS))
         before = self._known.get(folder)
         if before is None or before[0] != signature:
             self._known[folder] = before = (signature, look_at(name, folder))
@@ -130,15 +131,21 @@ def look_at(name: str, folder: Path) -> ListedRun:
         return ListedRun(
             name, problem=f"is flown now, or was cut off: then aircraft-sysid recover {run} makes it a run"
         )
+    file = STATE
     try:
         aircraft = load_aircraft(folder / AIRCRAFT)
         state: Mapping[str, Any] = json.loads((folder / STATE).read_text(encoding="utf8"))
         seconds = float(state["duration"])
+        file = PARAMETERS
+        read_parameters(folder)
         written = {path.parent.name for path in (folder / MODELS).glob(f"*/{VERSION}")}
         versions = len(written | {aircraft.model.identifier})  # to undo all may write the first one, too
     except InputError as error:
         return ListedRun(name, problem=str(error))
     except UNREADABLE as error:
         kind = "is not there" if isinstance(error, FileNotFoundError) else "cannot be read"
-        return ListedRun(name, problem=f"{STATE} {kind}: replay the recording again")
+        return ListedRun(name, problem=f"{file} {kind}: replay the recording again")
+    for file in (POINTS, SAMPLES):
+        if (folder / file).exists() and not zipfile.is_zipfile(folder / file):
+            return ListedRun(name, problem=f"{file} is cut off or damaged: replay the recording again")
     return ListedRun(name, one_line(aircraft.name), seconds, changed_at(folder / PARAMETERS) * 1e-9, versions)

@@ -183,3 +183,14 @@ def test_the_list_counts_the_versions_of_the_history(run) -> None:
     for change in (add, remove, add):  # to take all back writes the first version once more
         change(run, "Cl: alpha*beta")
     assert shelf.look_at("run", run).versions == len(versions_of(open_run(run))[0]) == 2
+
+
+@pytest.mark.parametrize(("file", "said"), [
+    ("samples.npz", "samples.npz is cut off or damaged"), ("points.npz", "points.npz is cut off or damaged"),
+    ("parameters.json", "parameters.json cannot be read"), ("state.json", "state.json cannot be read"),
+])  # fmt: skip
+def test_the_list_says_which_run_is_damaged(run, file, said) -> None:
+    """It stood there as a sound one, and was set beside the others by itself."""
+    assert not shelf.look_at("run", run).problem
+    (run / file).write_bytes((run / file).read_bytes()[:40])
+    assert shelf.look_at("run", run).problem == f"{said}: replay the recording again"
