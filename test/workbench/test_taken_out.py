@@ -50,5 +50,6 @@ def test_a_version_of_the_history_is_made_the_current_one(run, served, open_page
             page.click(marked("make-current"))
             wait_for_text(page, "notice", f"Version {version} is the current one")
             assert open_run(run).current.identifier == version
+        page.close()  # before its server
     assert set(open_run(run).current.changes) == set(before.changes)
     assert open_run(run).current.parents == before.parents
