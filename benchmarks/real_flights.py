@@ -136,8 +136,8 @@ def thor_live(folder: Path, rate: float = 8.0) -> dict[str, Any]:
     names = ("parameters.json", "state.json")
     files = [[json.loads((folder / run / name).read_text()) for run in ("replayed", "live")] for name in names]
     for run in files[1]:
-        for timing in ("duration", "realtime_factor"):
-            run.pop(timing)
+        for own in ("duration", "realtime_factor", "notes"):  # replay tells notes that live keeps in the run
+            run.pop(own)
     heard = received["received"]
     return {
         "rate": rate,
