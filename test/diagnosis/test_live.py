@@ -208,12 +208,11 @@ def test_terms_may_read_the_inputs_that_the_aircraft_file_names():
 
 
 @pytest.mark.parametrize(("text", "words"), [
-    ("CZ: sqrt(-1 - alpha**2)", "'CZ: sqrt(-1-alpha**2)' is no number at 200 of the 200 newest points"),
-    ("CZ: 1/(alpha - alpha)", "is no number at 200 of the 200"),
+    ("CZ: sqrt(alpha - 5)", "'CZ: sqrt(alpha-5)' is no number at 200 of the 200 newest points"),
+    ("CZ: 1/max(alpha - 2, 0)", "is no number at 200 of the 200"),
     ("CZ: sqrt(alpha - 0.06)", "is no number at 120 of the 200"),
-    ("CZ: alpha*0", "'CZ: alpha*0' has been 0 throughout this flight"),
+    ("CZ: max(alpha - 2, 0)", "'CZ: max(alpha-2,0)' has been 0 throughout this flight"),
     ("CZ: alpha; Cm: max(alpha - 1, 0)", "'Cm: max(alpha-1,0)' has been 0 throughout"),
-    ("CZ: 0", "has been 0 throughout"),
     ("CZ: sqrt(alpha - 0.03)", ""),  # of a part of the flight
     ("CZ: flaps", ""),  # they have not moved yet
     ("CZ: lag(alpha, 0.5)", ""),
