@@ -13,6 +13,7 @@ from typing import Any
 from aircraft_sysid_ros.after_flight.compare import compare_run, compare_runs
 from aircraft_sysid_ros.commands.pictures import picture, picture_lines
 from aircraft_sysid_ros.commands.progress import telling
+from aircraft_sysid_ros.diagnosis.compare import left_in_words
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.fleet.folder import is_fleet
 from aircraft_sysid_ros.report.diagnosis_figures import comparison_figure
@@ -63,10 +64,6 @@ def _other(args: argparse.Namespace) -> str | None:
     return other
 
 
-#: What the residual is, by whether it is white.
-_LEFT = {True: "only noise", False: "more than noise", None: "too short to tell"}
-
-
 def render(result: dict[str, Any]) -> str:
     """The result for people."""
     if "between" in result:
@@ -80,7 +77,7 @@ def render(result: dict[str, Any]) -> str:
         if axis["nrmse_held_out"] is None:
             lines.append(f"{name:<6}{axis['reason']}")
             continue
-        left = "fails" if axis["fails"] else _LEFT[None if axis["fails"] is None else axis["white"]]
+        left = left_in_words(axis["fails"], axis["white"])
         fit, held_out, floor = (percent(axis[key]) for key in ("nrmse_fit", "nrmse_held_out", "noise_floor"))
         lines.append(f"{name:<6}{fit:>8}{held_out:>10}{floor:>8}  {left}")
     lines.append("")

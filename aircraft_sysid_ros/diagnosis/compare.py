@@ -24,6 +24,15 @@ Array = npt.NDArray[np.float64]
 
 #: Places that are listed.
 MOST_PLACES = 10
+#: What is left of an axis, in words.
+FAILS, MORE, NOISE, SHORT = "fails", "more than noise", "only noise", "too short to tell"
+
+
+def left_in_words(fails: bool | None, white: bool | None) -> str:
+    """What is left of an axis, by whether it fails somewhere and whether its residual is white; None: not known."""
+    if fails:
+        return FAILS
+    return SHORT if fails is None or white is None else NOISE if white else MORE
 
 
 @dataclass(frozen=True)
@@ -45,6 +54,11 @@ class AxisComparison:
     def is_short(self) -> bool:
         """Whether it is too little flight to say that the model fails in it."""
         return self.seconds < THRESHOLDS.shortest
+
+    @property
+    def fails(self) -> bool | None:
+        """Whether it is worse than noise somewhere; None where that cannot be said."""
+        return None if self.is_short else bool(self.places)
 
 
 @dataclass(frozen=True)
@@ -173,7 +187,7 @@ class Comparison:
             "white_p_value": axis.whiteness.p_value,
             "noise_seen": axis.noise_seen,
             "seconds": axis.seconds,
-            "fails": None if axis.is_short else bool(axis.places),
+            "fails": axis.fails,
             "not_determined": list(axis.fit.not_determined),
         }
 

@@ -9,13 +9,14 @@ import numpy as np
 import pytest
 
 from aircraft_sysid_ros.commands.main import main
+from aircraft_sysid_ros.diagnosis.compare import FAILS
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.identification.options import ParameterOptions
 from aircraft_sysid_ros.workbench import live_session
 from aircraft_sysid_ros.workbench.live_flight import MOST_ERRORS, MOST_STATES, LiveFlight
 from aircraft_sysid_ros.workbench.live_link import ANSWER, NO_ROS, PRESENCE, READY
 from aircraft_sysid_ros.workbench.views import live
-from aircraft_sysid_ros.workbench.views.coefficients import FAILS, NO_DATA
+from aircraft_sysid_ros.workbench.views.coefficients import NO_DATA
 from aircraft_sysid_ros.workbench.views.figure import LIGHT
 from aircraft_sysid_ros.workbench.worker import ADD, REMOVE, Job
 

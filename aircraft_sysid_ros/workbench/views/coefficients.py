@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
-from aircraft_sysid_ros.diagnosis.compare import AxisComparison, Comparison
+from aircraft_sysid_ros.diagnosis.compare import FAILS, AxisComparison, Comparison, left_in_words
 from aircraft_sysid_ros.diagnosis.flight.flight_data import FlightData
 from aircraft_sysid_ros.workbench.views.figure import (
     TIMED,
@@ -30,7 +30,7 @@ Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.intp]
 Span = tuple[float, float]
 
-FAILS, MORE, NOISE, SHORT, NO_DATA = "fails", "more than noise", "only noise", "too short to tell", "no data"
+NO_DATA = "no data"
 #: Forces at the left, moments at the right.
 ORDER = ("CX", "Cl", "CY", "Cm", "CZ", "Cn")
 TIME_TITLE = "time since the filter started [s]"
@@ -67,8 +67,7 @@ def _row(comparison: Comparison, name: str) -> AxisRow:
     if name in comparison.reasons:
         return AxisRow(name, AXIS_WORDS[name], None, None, None, NO_DATA, comparison.reasons[name])
     found = comparison.axes[name]
-    left = SHORT if found.is_short else {True: NOISE, False: MORE, None: SHORT}[found.whiteness.white]
-    state = FAILS if found.places else left
+    state = left_in_words(found.fails, found.whiteness.white)
     fit = found.fit
     return AxisRow(name, AXIS_WORDS[name], fit.nrmse_held_out, fit.nrmse_fit, found.floor.nrmse, state)
 
