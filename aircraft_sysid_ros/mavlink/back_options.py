@@ -6,6 +6,7 @@ from typing import Literal
 
 from pydantic import model_validator
 
+from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.option import option, options
 
@@ -28,7 +29,13 @@ class BackOptions:
 
     @model_validator(mode="after")
     def _fits(self) -> BackOptions:
-        """Names must be told apart in MAVLink, and fit."""
+        """They are names of parameters, told apart in MAVLink, and fit."""
+        strange = next((name for name in self.parameters if name.partition("_")[0] not in AXES), None)
+        if strange is not None:
+            raise InputError(
+                f"'{strange}' is no parameter to send back: give an axis and a term, such as CZ_alpha "
+                f"(axes: {', '.join(AXES)})"
+            )
         short = [name[:NAME_LENGTH] for name in self.parameters]
         twice = next((name for name in short if short.count(name) > 1), None)
         if self.form == "named" and twice is not None:

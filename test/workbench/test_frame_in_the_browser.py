@@ -34,7 +34,7 @@ def test_the_side_stands_below_the_header_and_its_notice(page) -> None:
     page.wait_for_function("""() => {
         const header = document.querySelector('header.top').getBoundingClientRect();
         const side = document.querySelector('.side').getBoundingClientRect();
-        const isBelow = side.top >= header.bottom + 10 && side.bottom <= innerHeight - 10;  // at the end of the page, too
+        const isBelow = side.top >= header.bottom + 10 && side.bottom <= innerHeight - 10;  // at the page's end, too
         return scrollY > 200 && header.height > 130 && isBelow;
     }""")
 

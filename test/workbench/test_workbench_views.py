@@ -198,7 +198,10 @@ def test_files_of_numbers_hold_what_the_page_shows(view) -> None:
     assert len(listed) == len(rows) + 1 and next(t for t in listed if t.startswith("CZ_alpha,")).endswith(",-4.6")
 
 
-@pytest.mark.parametrize(("p", "said"), [(0.0, "less than 1 in 1 000 000"), (0.003, "1 in 300"), (0.04, "1 in 20")])
+@pytest.mark.parametrize(
+    ("p", "said"),
+    [(0.0, "less than 1 in 1 000 000"), (0.003, "1 in 300"), (0.04, "1 in 20"), (1.0, "more likely than not")],
+)
 def test_chances_in_words(p, said) -> None:
     assert words.chance(p) == said
 

@@ -123,7 +123,7 @@ def chance(p_value: float) -> str:
     if p_value < 1e-6:
         return "less than 1 in 1 000 000"
     if p_value >= 0.5:
-        return "as likely as not"
+        return "more likely than not"
     least = 10.0 ** np.floor(-np.log10(p_value))
     count = np.floor(1.0 / p_value / least) * least
     return f"1 in {count:,.0f}".replace(",", " ")
