@@ -123,7 +123,7 @@ def test_an_autopilot_on_our_topics_and_back(bench, flying):
 def test_parameters_that_cannot_go_back_are_named(bench, flying, monkeypatch, capfd):
     flight, port = flying
     monkeypatch.setattr(mavlink_bridge, "_PATIENCE", 0.5)
-    wanted = ["CZ_alpha", "CZ_alfa", "Foo_bar"]
+    wanted = ["CZ_alpha", "CZ_alfa", "Cm_bar"]
     node = bench.node(MavlinkBridgeNode, connection=f"udp:127.0.0.1:{port}", back_parameters=wanted, back_form="array")
     assert common.start(node)
     said = []
@@ -139,7 +139,7 @@ def test_parameters_that_cannot_go_back_are_named(bench, flying, monkeypatch, ca
     bench.spin_until(lambda: has_said("no parameters have come on /parameter_estimator/parameters yet"), 60.0)
     publisher = bench.publisher(Parameters, "parameter_estimator/parameters")
     message = Parameters(parameters=[Parameter(name="CZ_alpha"), Parameter(name="CZ_0")])
-    words = "the model has no parameter CZ_alfa and no Foo_bar: not sent back; did you mean CZ_alpha?"
+    words = "the model has no parameter CZ_alfa and no Cm_bar: not sent back; did you mean CZ_alpha?"
     bench.say_until(lambda: publisher.publish(message), lambda: has_said(words))
     end = time.monotonic() + 1.0
     bench.say_until(lambda: publisher.publish(message), lambda: has_said("") and time.monotonic() > end)
