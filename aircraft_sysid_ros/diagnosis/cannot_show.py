@@ -15,7 +15,7 @@ import numpy as np
 
 from aircraft_sysid_ros.diagnosis.finding import resting_on
 from aircraft_sysid_ros.diagnosis.flight.reconstruction import AIR_DATA
-from aircraft_sysid_ros.diagnosis.measurement import feigns_wind
+from aircraft_sysid_ros.diagnosis.measurement.setting import feigns_wind
 from aircraft_sysid_ros.diagnosis.search.candidates import can_act, candidates_of, where_it_acts
 from aircraft_sysid_ros.diagnosis.search.evaluator import CandidateEvaluator
 from aircraft_sysid_ros.effects.effect import MEASUREMENT, Effect

@@ -20,20 +20,10 @@ from aircraft_sysid_ros.diagnosis.diagnose import Diagnosis, diagnose
 from aircraft_sysid_ros.diagnosis.finding import Finding
 from aircraft_sysid_ros.diagnosis.flight.flight_data import FlightData, check_flight
 from aircraft_sysid_ros.diagnosis.flight.reconstruction import Reconstruction, reconstruct_as_flown, settled_flight
-from aircraft_sysid_ros.diagnosis.imu_place import setting_of_forces
-from aircraft_sysid_ros.diagnosis.measurement import (
-    IMU_LAG,
-    Setting,
-    imu_explains,
-    in_file,
-    is_a_fault,
-    is_small,
-    jobs_of,
-    measurement_faults,
-    setting_of,
-    sharpened,
-    try_setting,
-)
+from aircraft_sysid_ros.diagnosis.measurement.faults import jobs_of, measurement_faults, sharpened, try_setting
+from aircraft_sysid_ros.diagnosis.measurement.imu_place import setting_of_forces
+from aircraft_sysid_ros.diagnosis.measurement.late_controls import IMU_LAG, imu_explains
+from aircraft_sysid_ros.diagnosis.measurement.setting import Setting, in_file, is_a_fault, is_small, setting_of
 from aircraft_sysid_ros.diagnosis.search.evaluator import CandidateEvaluator, new_terms
 from aircraft_sysid_ros.diagnosis.search.fit import held_out_error
 from aircraft_sysid_ros.diagnosis.significance.parametric_bootstrap import COUNT, Replica, replicas_of

@@ -13,7 +13,7 @@ from aircraft_sysid_ros.diagnosis.cannot_show import OutOfReach
 from aircraft_sysid_ros.diagnosis.diagnose import MISSING, NONE, UNEXPLAINED, Diagnosis
 from aircraft_sysid_ros.diagnosis.finding import Finding, resting_on
 from aircraft_sysid_ros.diagnosis.flight.flight_data import BLOCK, FlightData
-from aircraft_sysid_ros.diagnosis.measurement import Setting
+from aircraft_sysid_ros.diagnosis.measurement.setting import Setting
 from aircraft_sysid_ros.diagnosis.search.candidates import TIMES_OF_CHANGE, Candidate
 from aircraft_sysid_ros.diagnosis.search.evaluator import errors_of, new_terms
 from aircraft_sysid_ros.diagnosis.search.fit import fit_axis

@@ -8,16 +8,10 @@ import numpy as np
 import pytest
 
 from aircraft_sysid_ros.diagnosis.flight.reconstruction import reconstruct_as_flown
-from aircraft_sysid_ros.diagnosis.measurement import (
-    control_gain,
-    imu_explains,
-    in_file,
-    jobs_of,
-    maximum,
-    measurement_faults,
-    try_setting,
-    with_the_other,
-)
+from aircraft_sysid_ros.diagnosis.measurement.faults import jobs_of, measurement_faults, try_setting, with_the_other
+from aircraft_sysid_ros.diagnosis.measurement.late_controls import control_gain, imu_explains
+from aircraft_sysid_ros.diagnosis.measurement.maximum import maximum
+from aircraft_sysid_ros.diagnosis.measurement.setting import in_file
 from aircraft_sysid_ros.effects import BY_ID
 from aircraft_sysid_ros.effects.effect import with_setting
 from aircraft_sysid_ros.samples import Kind

@@ -25,7 +25,9 @@ from aircraft_sysid_ros.diagnosis.flight.reconstruction import (
 )
 from aircraft_sysid_ros.diagnosis.flight_answer import answer
 from aircraft_sysid_ros.diagnosis.flight_diagnosis import diagnose_flight, with_best_setting
-from aircraft_sysid_ros.diagnosis.measurement import Setting, maximum, measurement_faults
+from aircraft_sysid_ros.diagnosis.measurement.faults import measurement_faults
+from aircraft_sysid_ros.diagnosis.measurement.maximum import maximum
+from aircraft_sysid_ros.diagnosis.measurement.setting import Setting
 from aircraft_sysid_ros.diagnosis.search.candidates import Candidate
 from aircraft_sysid_ros.diagnosis.search.evaluator import CandidateEvaluator
 from aircraft_sysid_ros.diagnosis.significance.bootstrap_flight import world_of

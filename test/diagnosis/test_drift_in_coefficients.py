@@ -9,7 +9,8 @@ from test_tied_fit import flight_of
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.aircraft.signals import SIGNAL_INDEX
 from aircraft_sysid_ros.diagnosis.flight_diagnosis import _name, _p_value, diagnose_flight
-from aircraft_sysid_ros.diagnosis.measurement import Setting, setting_of
+from aircraft_sysid_ros.diagnosis.measurement import setting
+from aircraft_sysid_ros.diagnosis.measurement.setting import Setting, setting_of
 from aircraft_sysid_ros.diagnosis.search.evaluator import CandidateEvaluator
 from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS
 from aircraft_sysid_ros.effects import BY_ID, LIBRARY
@@ -82,7 +83,7 @@ def test_a_drift_that_grows_to_less_than_what_matters_is_none(monkeypatch, aircr
     """The flight of the test above, of which forces and moments show the drift; a limit beyond it refuses the name."""
     flown = simulate_samples(aircraft, 41, 45.0, turbulence="light", hidden=[("alpha_drift", 2.0)])
     beyond = 1.2 * abs(flown.hidden[0].settings[0][1]) * 45.0
-    monkeypatch.setattr("aircraft_sysid_ros.diagnosis.measurement.THRESHOLDS", replace(THRESHOLDS, least_offset=beyond))
+    monkeypatch.setattr(setting, "THRESHOLDS", replace(THRESHOLDS, least_offset=beyond))
     found = diagnose_flight(aircraft, flown.samples, [BY_ID["alpha_drift"], BY_ID["icing"]], 2)
     assert "alpha_drift" not in [each["effect"] for each in found.json["candidates"] if each["found"]]
 

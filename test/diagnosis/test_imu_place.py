@@ -12,7 +12,7 @@ from aircraft_sysid_ros.aircraft.signals import SIGNAL_COUNT, SIGNAL_INDEX
 from aircraft_sysid_ros.diagnosis.flight.flight_data import FlightData
 from aircraft_sysid_ros.diagnosis.flight.motion_coefficients import coefficients_of_motion
 from aircraft_sysid_ros.diagnosis.flight.place_columns import columns_of, rates_of, turning_of, unsaid_columns
-from aircraft_sysid_ros.diagnosis.imu_place import setting_of_forces, sideways_of_forces
+from aircraft_sysid_ros.diagnosis.measurement.imu_place import setting_of_forces, sideways_of_forces
 from aircraft_sysid_ros.diagnosis.search.evaluator import CandidateEvaluator
 from aircraft_sysid_ros.diagnosis.search_round import SearchRound, outside_in
 from aircraft_sysid_ros.diagnosis.significance.maximum_statistic import Null

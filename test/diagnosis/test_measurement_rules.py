@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 
 from aircraft_sysid_ros.aircraft.configuration import aircraft_from_dict
-from aircraft_sysid_ros.diagnosis import measurement
 from aircraft_sysid_ros.diagnosis.flight import reconstruction
 from aircraft_sysid_ros.diagnosis.flight.reconstruction import Likelihood, fit_wind_noise, reconstruct_as_flown
 from aircraft_sysid_ros.diagnosis.flight_diagnosis import _accuses, _left_out_first, level_of
-from aircraft_sysid_ros.diagnosis.measurement import Setting, in_file, is_a_fault, jobs_of, sharpened, try_setting
+from aircraft_sysid_ros.diagnosis.measurement import faults, late_controls
+from aircraft_sysid_ros.diagnosis.measurement.faults import jobs_of, sharpened, try_setting
+from aircraft_sysid_ros.diagnosis.measurement.setting import AIR_DATA_LAG, Setting, in_file, is_a_fault, is_small
 from aircraft_sysid_ros.diagnosis.words import MeasurementFinding
 from aircraft_sysid_ros.effects import BY_ID
 from aircraft_sysid_ros.effects.effect import Effect, with_setting
@@ -137,8 +138,8 @@ def test_in_gusts_a_scale_that_lowers_no_error_must_be_surer(calm, after, level)
 @pytest.mark.parametrize(("gains", "kept"), [((40.0, 40.0), True), ((80.0, -1.0), True), ((90.0, -10.0), False)])
 def test_no_half_of_a_flight_may_speak_against_a_setting(aircraft, monkeypatch, gains, kept):
     halves = iter([gains[0], 0.0, gains[1], 0.0])
-    put_law(monkeypatch, measurement, lambda aircraft, samples: likelihood(next(halves)))
-    assert measurement._in_both_halves(aircraft, aircraft, imu_at(100.0), NOISE) is kept
+    put_law(monkeypatch, faults, lambda aircraft, samples: likelihood(next(halves)))
+    assert faults._in_both_halves(aircraft, aircraft, imu_at(100.0), NOISE) is kept
 
 
 def test_a_late_gps_and_a_late_imu_are_flown_as_they_are_hidden(aircraft):
@@ -170,7 +171,8 @@ def test_a_delay_of_the_controls_gains_more_than_one_the_other_way(calm_flight, 
         gain = (1.0 if moved > 0.0 else other_way) * (1.0 - (abs(moved) - 1.0) ** 2)
         return {"Cl": (0.4 * float(np.exp(-0.25 * gain)),) * 2}
 
-    monkeypatch.setattr(measurement, "control_errors", errors)
+    for module in (faults, late_controls):
+        monkeypatch.setattr(module, "control_errors", errors)
     job, _ = jobs_of(flight, [BY_ID["actuator_lag"]], True)
     assert (try_setting(job).evidence > 1.0) is is_said
 
@@ -189,7 +191,8 @@ def test_a_delay_of_the_controls_is_told_by_moments_that_the_model_explains(
         gain = 1.0 - (abs(moved) - 1.0) ** 2 if moved > 0.0 else -1.0
         return {"Cl": (unexplained * float(np.exp(-0.25 * gain)),) * 2, "Cn": (0.3, 0.3)}
 
-    monkeypatch.setattr(measurement, "control_errors", errors)
+    for module in (faults, late_controls):
+        monkeypatch.setattr(module, "control_errors", errors)
     job, _ = jobs_of(flight, [BY_ID["actuator_lag"]], True)
     assert (try_setting(job).evidence > 1.0) is is_said
 
@@ -198,7 +201,7 @@ def test_a_delay_of_the_controls_is_told_by_moments_that_the_model_explains(
 def test_a_scale_counts_by_what_it_makes_of_coefficients(calm_flight, key, value, small):
     """That of the airspeed with its square."""
     flight = SimpleNamespace(points=np.zeros((0, 1)))
-    assert measurement.is_small(("sensors", key, "scale"), value, flight) is small
+    assert is_small(("sensors", key, "scale"), value, flight) is small
 
 
 def test_what_the_file_leaves_out_goes_before_a_fault_that_is_little_better(aircraft):
@@ -238,25 +241,25 @@ def valley(aircraft, place=0.15, lag=0.2):
 def test_the_place_of_a_probe_is_looked_for_along_the_valley_of_its_lag(aircraft, monkeypatch):
     """With the lag that alone is best, no other place is better; with the lag moved along, the true one is."""
     of = valley(aircraft)
-    put_law(monkeypatch, measurement, of)
-    monkeypatch.setattr(measurement, "_in_both_halves", lambda *_: True)
-    effect, late = BY_ID["probe_offset"], with_setting(aircraft, measurement.AIR_DATA_LAG, 0.245)
+    put_law(monkeypatch, faults, of)
+    monkeypatch.setattr(faults, "_in_both_halves", lambda *_: True)
+    effect, late = BY_ID["probe_offset"], with_setting(aircraft, AIR_DATA_LAG, 0.245)
     flight = SimpleNamespace(aircraft=late)
     job = (flight, imu_at(100.0), effect, effect.variants[0], effect.inner[0], of(late, None), {}, True)
     found = try_setting(job)
     assert found.evidence > 1.0 and found.value == pytest.approx(0.15, abs=0.02)
-    assert dict(found.beside)[measurement.AIR_DATA_LAG] == pytest.approx(0.2, abs=0.01)
-    assert in_file(found, late).sensors["sideslip"].delay == dict(found.beside)[measurement.AIR_DATA_LAG]
+    assert dict(found.beside)[AIR_DATA_LAG] == pytest.approx(0.2, abs=0.01)
+    assert in_file(found, late).sensors["sideslip"].delay == dict(found.beside)[AIR_DATA_LAG]
 
 
 def test_what_was_mended_is_worked_out_again_beside_what_was_mended_later(aircraft, monkeypatch):
-    put_law(monkeypatch, measurement, valley(aircraft, place=0.0))
-    monkeypatch.setattr(measurement, "stretch_of", lambda flight: flight.samples)
+    put_law(monkeypatch, faults, valley(aircraft, place=0.0))
+    monkeypatch.setattr(faults, "stretch_of", lambda flight: flight.samples)
     lag, place = BY_ID["air_data_lag"], BY_ID["probe_offset"]
-    flight = SimpleNamespace(aircraft=with_setting(aircraft, measurement.AIR_DATA_LAG, 0.21), samples=None)
+    flight = SimpleNamespace(aircraft=with_setting(aircraft, AIR_DATA_LAG, 0.21), samples=None)
     again = sharpened(Setting(lag, lag.variants[0], 0.0, 0.21, 100.0, 5.0, 0.01), flight)
     assert again.value == pytest.approx(0.2, abs=1e-3)
-    late = with_setting(aircraft, measurement.AIR_DATA_LAG, 0.2)
+    late = with_setting(aircraft, AIR_DATA_LAG, 0.2)
     ahead = SimpleNamespace(aircraft=with_setting(late, ("air_data_position", "x"), 0.1), samples=None)
     moved = sharpened(Setting(place, place.variants[0], 0.0, 0.1, 100.0, 5.0, 0.01), ahead)
     assert moved.value == pytest.approx(0.0375)  # no further than half a step of the search from where it was found

@@ -11,7 +11,8 @@ from aircraft_sysid_ros.aircraft.configuration import aircraft_from_dict
 from aircraft_sysid_ros.diagnosis import flight_diagnosis
 from aircraft_sysid_ros.diagnosis.flight.reconstruction import reconstruct_as_flown
 from aircraft_sysid_ros.diagnosis.flight_diagnosis import _beyond_chance, _needed_beside_places
-from aircraft_sysid_ros.diagnosis.measurement import in_file, measurement_faults
+from aircraft_sysid_ros.diagnosis.measurement.faults import measurement_faults
+from aircraft_sysid_ros.diagnosis.measurement.setting import in_file
 from aircraft_sysid_ros.diagnosis.significance import setting_replicas
 from aircraft_sysid_ros.diagnosis.significance.setting_replicas import chance_of, gains_in_replicas
 from aircraft_sysid_ros.diagnosis.words import MeasurementFinding

@@ -19,8 +19,8 @@ from aircraft_sysid_ros.diagnosis.flight.reconstruction import (
     reconstruct_as_flown,
     settled_flight,
 )
-from aircraft_sysid_ros.diagnosis.imu_place import sideways_of_forces
-from aircraft_sysid_ros.diagnosis.measurement import jobs_of, try_setting
+from aircraft_sysid_ros.diagnosis.measurement.faults import jobs_of, try_setting
+from aircraft_sysid_ros.diagnosis.measurement.imu_place import sideways_of_forces
 from aircraft_sysid_ros.diagnosis.search.candidates import can_act
 from aircraft_sysid_ros.effects import BY_ID
 from aircraft_sysid_ros.effects.effect import with_setting

@@ -22,7 +22,7 @@ from aircraft_sysid_ros.diagnosis.flight.reconstruction import (
     reconstruct,
     reconstruct_as_flown,
 )
-from aircraft_sysid_ros.diagnosis.measurement import measurement_faults
+from aircraft_sysid_ros.diagnosis.measurement.faults import measurement_faults
 from aircraft_sysid_ros.diagnosis.model_versions import additions, versions
 from aircraft_sysid_ros.diagnosis.model_versions.additions import add, remove
 from aircraft_sysid_ros.diagnosis.model_versions.requests import parse_request

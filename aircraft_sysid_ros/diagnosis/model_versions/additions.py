@@ -22,17 +22,9 @@ from aircraft_sysid_ros.diagnosis.flight.reconstruction import (
     likelihood_as_learnt,
     reconstruct,
 )
-from aircraft_sysid_ros.diagnosis.imu_place import setting_of_forces
-from aircraft_sysid_ros.diagnosis.measurement import (
-    Job,
-    Setting,
-    in_file,
-    jobs_of,
-    setting_of,
-    stretch_of,
-    try_setting,
-    with_the_other,
-)
+from aircraft_sysid_ros.diagnosis.measurement.faults import jobs_of, try_setting, with_the_other
+from aircraft_sysid_ros.diagnosis.measurement.imu_place import setting_of_forces
+from aircraft_sysid_ros.diagnosis.measurement.setting import Job, Setting, in_file, setting_of, stretch_of
 from aircraft_sysid_ros.diagnosis.model_versions.failed_input import BY_FORCES, FailedInput, failed_input
 from aircraft_sysid_ros.diagnosis.model_versions.requests import label_of, parse_request
 from aircraft_sysid_ros.diagnosis.model_versions.versions import (

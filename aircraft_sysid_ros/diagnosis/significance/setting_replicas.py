@@ -23,7 +23,8 @@ from aircraft_sysid_ros.diagnosis.flight.reconstruction import (
     repeated_rows,
     settled_flight,
 )
-from aircraft_sysid_ros.diagnosis.measurement import Setting, jobs_of, try_setting
+from aircraft_sysid_ros.diagnosis.measurement.faults import jobs_of, try_setting
+from aircraft_sysid_ros.diagnosis.measurement.setting import Setting
 from aircraft_sysid_ros.diagnosis.significance.bootstrap_flight import world_of
 from aircraft_sysid_ros.diagnosis.significance.maximum_statistic import Null
 from aircraft_sysid_ros.diagnosis.significance.parametric_bootstrap import LONGEST, fitted_parameters

@@ -18,7 +18,7 @@ import numpy as np
 from aircraft_sysid_ros.aircraft.aerodynamic_model import FORCES
 from aircraft_sysid_ros.diagnosis.flight.flight_data import FlightData
 from aircraft_sysid_ros.diagnosis.flight.place_columns import columns_of
-from aircraft_sysid_ros.diagnosis.measurement import Setting
+from aircraft_sysid_ros.diagnosis.measurement.setting import Setting
 from aircraft_sysid_ros.diagnosis.search.evaluator import log_ratio, price_of_one, size_of
 from aircraft_sysid_ros.diagnosis.search.fit import fits_of, tied_gains
 from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS

@@ -1,0 +1,1 @@
+"""Effects in the measurement, tried before aerodynamics is blamed."""
