@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+import numpy.typing as npt
 
 from aircraft_sysid_ros.after_flight.recorded_mass import recorded_mass
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
@@ -29,6 +30,7 @@ from aircraft_sysid_ros.reconstruction.absences import absences, of_manoeuvres
 from aircraft_sysid_ros.reconstruction.air_data_errors import UNKNOWN_STD_OF
 from aircraft_sysid_ros.reconstruction.alignment import LARGEST_GAP
 from aircraft_sysid_ros.reconstruction.found_noise import found_noise, noise_notes
+from aircraft_sysid_ros.reconstruction.ordering import LARGEST_LEAP
 from aircraft_sysid_ros.reconstruction.state_estimator import StateEstimator, nanoseconds
 from aircraft_sysid_ros.recordings.manoeuvres import Body, Manoeuvre
 from aircraft_sysid_ros.recordings.reader import Recording
@@ -393,19 +395,28 @@ def bound_notes(aircraft: Aircraft) -> list[str]:
 
 
 def gap_notes(samples: Samples, names: Sequence[str]) -> list[str]:
-    """Silences by kind of sample, with the manoeuvres that they are in."""
-    found: list[list[str]] = [[] for _ in manoeuvres(samples)]
+    """Silences by kind of sample, with the manoeuvres that they are in; a leap of the clock is none of a sensor."""
+    parts = manoeuvres(samples)
+    found: list[list[str]] = [[] for _ in parts]
+    leaps = [_leaps(part) for part in parts]
     for kind in Kind:
-        stamps = [np.sort(part.stamp[part.kind == kind]) for part in manoeuvres(samples)]
+        stamps = [np.sort(part.stamp[part.kind == kind]) for part in parts]
         intervals = [np.diff(one) / NANOSECONDS for one in stamps]
         together = np.concatenate(intervals)
         longest = max(LONGEST_SILENCE, 10.0 * float(np.median(together))) if len(together) else np.inf
         for number, interval in enumerate(intervals):
-            gaps = interval[interval > longest]
+            passed = np.searchsorted(leaps[number], stamps[number])
+            gaps = interval[(interval > longest) & (np.diff(passed) == 0)]
             if len(gaps):
-                name = kind.name.lower()
-                found[number].append(f"the {name} samples have {len(gaps)} gaps of up to {gaps.max():.1f} s")
+                many = f"{len(gaps)} gaps of up to" if len(gaps) > 1 else "a gap of"
+                found[number].append(f"the {kind.name.lower()} samples have {many} {gaps.max():.1f} s")
     return of_manoeuvres(found, names)
+
+
+def _leaps(samples: Samples) -> npt.NDArray[np.int64]:
+    """Stamps [ns] from which the clock leapt ahead, beyond what ``ordering`` takes for a silence."""
+    stamps = np.sort(samples.stamp)
+    return stamps[:-1][np.diff(stamps) > LARGEST_LEAP] + 1
 
 
 def air_data_notes(recording: Recording) -> list[str]:
