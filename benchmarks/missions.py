@@ -10,7 +10,6 @@ are flown nowhere else, half of the flights have vanes; their results have a fil
 
 from __future__ import annotations
 
-import argparse
 import os
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # flights share the cores; before numpy is loaded
@@ -21,8 +20,8 @@ from typing import Any
 
 import jsbsim_missions
 import numpy as np
+import resumed
 from failure_flights import PART_OF, Layout
-from resumed import flown
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import textbook_model
 from aircraft_sysid_ros.diagnosis.flight_answer import answer
@@ -112,25 +111,17 @@ def summary(results: list[dict[str, Any]]) -> str:
 
 def main() -> None:
     """Fly what is not flown yet, and count."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--clean", type=int, default=60)
-    parser.add_argument("--failed", type=int, default=36)
-    parser.add_argument("--moved", type=int, default=0, help="flights in which a surface is put elsewhere")
+    parser = resumed.options(__doc__, clean=60, failed=36, moved=0)
     parser.add_argument("--first", type=int, default=FIRST, help="first seed")
-    parser.add_argument("--jobs", type=int, default=len(os.sched_getaffinity(0)))
     parser.add_argument("--aeroplanes", choices=list(AEROPLANES), default=USUAL)
-    parser.add_argument("--results", type=Path, help="default: missions.jsonl, or one named for the aeroplanes")
     args = parser.parse_args()
     named = RESULTS if args.aeroplanes == USUAL else RESULTS.with_stem(f"missions_{args.aeroplanes}")
     wanted = jobs(args.clean, args.failed, args.first, args.aeroplanes, args.moved)
-    results = []
-    for result in flown(fly, wanted, args.results or named, args.jobs):
-        results.append(result)
-        print(
-            f"{len(results)}: {result['seed']} {result['failure']} {result.get('verdict')} {result.get('input')}",
-            flush=True,
-        )
-    print(summary(results))
+    print(summary(resumed.flown_aloud(fly, wanted, args.results or named, args.jobs, _says)))
+
+
+def _says(result: dict[str, Any]) -> str:
+    return f"{result['failure']} {result.get('verdict')} {result.get('input')}"
 
 
 if __name__ == "__main__":

@@ -15,7 +15,6 @@ goes on where it was. Seeds are drawn before and looked at once.
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 
@@ -232,26 +231,20 @@ def jobs(clean: int, hidden: int, first: int) -> list[dict[str, Any]]:
 
 def main() -> None:
     """Fly what is not flown yet, and count."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--clean", type=int, default=20)
-    parser.add_argument("--hidden", type=int, default=10)
-    parser.add_argument("--jobs", type=int, default=len(os.sched_getaffinity(0)))
+    parser = resumed.options(__doc__, clean=20, hidden=10)
     parser.add_argument("--first", type=int, default=FIRST, help="first seed")
-    parser.add_argument("--results", type=Path, default=RESULTS)
     parser.add_argument("--summary", action="store_true", help="no flights, only the count of those that are there")
     args = parser.parse_args()
+    path = args.results or RESULTS
     if args.summary:
-        print(summary([json.loads(line) for line in args.results.read_text(encoding="utf8").splitlines()]))
+        print(summary([json.loads(line) for line in path.read_text(encoding="utf8").splitlines()]))
         return
-    wanted, results = jobs(args.clean, args.hidden, args.first), []
-    for result in resumed.flown(fly, wanted, args.results, args.jobs):
-        results.append(result)
-        names = [f["label"] for f in result.get("found", [])]
-        print(
-            f"{len(results)} of {len(wanted)}: {result['seed']} {result['aeroplane']} {result['effect']} {names}",
-            flush=True,
-        )
-    print(summary(results))
+    wanted = jobs(args.clean, args.hidden, args.first)
+    print(summary(resumed.flown_aloud(fly, wanted, path, args.jobs, _says)))
+
+
+def _says(result: dict[str, Any]) -> str:
+    return f"{result['aeroplane']} {result['effect']} {[f['label'] for f in result.get('found', [])]}"
 
 
 if __name__ == "__main__":

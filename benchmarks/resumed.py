@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import argparse
 import json
 import multiprocessing
-from collections.abc import Callable, Iterable, Iterator
+import os
+from collections.abc import Callable, Collection, Iterable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -27,3 +29,24 @@ def flown(fly: Callable[[Any], Record], wanted: Iterable[Any], results: Path, jo
             file.write(json.dumps(record) + "\n")
             file.flush()
             yield record
+
+
+def options(description: str | None, **counts: int) -> argparse.ArgumentParser:
+    """Options that such benchmarks have: how many flights of each kind, the first seed, processes and the file."""
+    parser = argparse.ArgumentParser(description=description, formatter_class=argparse.RawDescriptionHelpFormatter)
+    for name, count in counts.items():
+        parser.add_argument(f"--{name}", type=int, default=count, help="number of such flights")
+    parser.add_argument("--jobs", type=int, default=len(os.sched_getaffinity(0)), help="flights at a time")
+    parser.add_argument("--results", type=Path, help="file of another name")
+    return parser
+
+
+def flown_aloud(
+    fly: Callable[[Any], Record], wanted: Collection[Any], results: Path, jobs: int, says: Callable[[Record], str]
+) -> list[Record]:
+    """All of ``flown``; each is told when it is there, with what it ``says``."""
+    done: list[Record] = []
+    for record in flown(fly, wanted, results, jobs):
+        done.append(record)
+        print(f"{len(done)} of {len(wanted)}: {record['seed']} {says(record)}", flush=True)
+    return done

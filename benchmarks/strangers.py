@@ -13,7 +13,6 @@ results/strangers.jsonl; a run that is stopped goes on where it was. Seeds are d
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 
@@ -170,12 +169,8 @@ def draw(results: list[dict[str, Any]], path: Path) -> None:
 
 def main() -> None:
     """Fly what is not flown yet, and count."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--clean", type=int, default=40)
-    parser.add_argument("--hidden", type=int, default=24)
-    parser.add_argument("--jobs", type=int, default=len(os.sched_getaffinity(0)))
+    parser = resumed.options(__doc__, clean=40, hidden=24)
     parser.add_argument("--first", type=int, default=FIRST, help="first seed")
-    parser.add_argument("--results", type=Path, help="file (default: results/strangers.jsonl, strangers_placed.jsonl)")
     parser.add_argument("--placed", action="store_true", help="sensors are where the aeroplane has them")
     parser.add_argument("--figure", action="store_true", help="draw the p-values of the flights that are there")
     args = parser.parse_args()
@@ -184,11 +179,11 @@ def main() -> None:
         draw([json.loads(line) for line in path.read_text().splitlines()], FIGURE)
         return
     wanted = [{**job, "placed": args.placed} for job in jobs(args.clean, args.hidden, args.first)]
-    results = []
-    for result in resumed.flown(fly, wanted, path, args.jobs):
-        results.append(result)
-        print(f"{len(results)} of {len(wanted)}: {result['seed']} {result['effect']} {result.get('found')}", flush=True)
-    print(summary(results))
+    print(summary(resumed.flown_aloud(fly, wanted, path, args.jobs, _says)))
+
+
+def _says(result: dict[str, Any]) -> str:
+    return f"{result['effect']} {result.get('found')}"
 
 
 if __name__ == "__main__":

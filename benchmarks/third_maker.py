@@ -11,7 +11,6 @@ below the aeroplane since the third rules; that of JUDGING was at half a span or
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import sys
@@ -154,12 +153,11 @@ def summary(results: list[dict[str, Any]]) -> str:
 
 def main() -> None:
     """Fly what is not flown yet, and count."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = resumed.options(__doc__)
     parser.add_argument("--judging", action="store_true", help="the flights that rules are judged on")
     parser.add_argument("--most", type=int, default=1000, help="flights that are flown now")
     parser.add_argument("--only", type=int, nargs="*", help="seeds")
-    parser.add_argument("--jobs", type=int, default=1)
-    parser.add_argument("--results", type=Path)
+    parser.set_defaults(jobs=1)
     args = parser.parse_args()
     path = args.results or (RESULTS if args.judging else DEVELOPED)
     known = {json.loads(line)["seed"] for line in path.read_text().splitlines()} if path.exists() else set()
@@ -169,12 +167,12 @@ def main() -> None:
     ]
     listed = [job for job in listed if not args.only or job["seed"] in args.only]
     new = [job for job in listed if job["seed"] not in known][: args.most]
-    results = []
-    for result in resumed.flown(fly, [job for job in listed if job["seed"] in known] + new, path, args.jobs):
-        results.append(result)
-        names = [each["label"] for each in result.get("found", [])]
-        print(f"{len(results)} of {len(listed)}: {result['seed']} {result['effect']} {names}", flush=True)
-    print(summary(results))
+    wanted = [job for job in listed if job["seed"] in known] + new
+    print(summary(resumed.flown_aloud(fly, wanted, path, args.jobs, _says)))
+
+
+def _says(result: dict[str, Any]) -> str:
+    return f"{result['effect']} {[each['label'] for each in result.get('found', [])]}"
 
 
 if __name__ == "__main__":
