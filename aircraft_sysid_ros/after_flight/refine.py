@@ -54,7 +54,8 @@ def refine_run(
     title = f"{method}: {data.aircraft.name}, model {version.identifier}"
     figure, notes = draw(file.with_suffix(".png"), result, title)
     write_json(file, content)
-    return {**content, "file": str(file), "figure": figure, "notes": [*opened.notes, *late, *notes]}
+    stays = f"`export` and `gains` take the parameters of the run, and not those of {file.name}"
+    return {**content, "file": str(file), "figure": figure, "notes": [*opened.notes, *late, *notes, stays]}
 
 
 def with_late_surfaces(data: RunData, late: Mapping[str, tuple[float, float]]) -> tuple[RunData, list[str]]:

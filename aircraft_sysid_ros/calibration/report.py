@@ -165,12 +165,16 @@ def _probe_notes(flight: five_hole_probe.ProbeFlight, found: probe_models.ProbeA
         notes.append("the aircraft never stands in the recording: zeros of the pressures are taken as 0")
     if not found.steady:
         notes.append(
-            f"the wind was not steady, residuals of {np.sqrt(np.mean(found.answer.noise)):.2g} m/s where the noise of "
-            f"the probe makes {flight.probe_noise:.2g}: estimated from averages over {five_hole_probe.AVERAGE:g} s, "
-            "and the scales of the angles are rather too small than too large"
+            f"residuals are {np.sqrt(np.mean(found.answer.noise)):.2g} m/s where the noise of the probe makes "
+            f"{flight.probe_noise:.2g}: the wind was not steady, or the calibration is not the right one, which "
+            "residuals that are no smaller than before show. Estimated from averages over "
+            f"{five_hole_probe.AVERAGE:g} s; in gusts the scales of the angles are rather too small than too large"
         )
     if not any(segment.name == "wind circle" for segment in flight.segments.found):
-        notes.append("no wind circle was found: stage 1 took the whole flight")
+        notes.append(
+            "no wind circle was found: stage 1 took the whole flight, and the scale and the bias of the airspeed rest "
+            "on turns that were not flown for them: check them by a flight with circles"
+        )
     return notes
 
 

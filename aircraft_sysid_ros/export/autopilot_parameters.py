@@ -19,6 +19,7 @@ import numpy.typing as npt
 from aircraft_sysid_ros.export.learnt_model import SURFACES, LearntModel
 from aircraft_sysid_ros.export.level_flight import LevelFlight, moment_signs
 from aircraft_sysid_ros.export.rate_loops import ROLL, RateLoop
+from aircraft_sysid_ros.identification.trust import Trust
 
 Array = npt.NDArray[np.float64]
 
@@ -38,11 +39,36 @@ class Entry:
     value: float
     std: float = float("nan")
     what: str = ""
+    doubt: str = ""  # what it rests on and is not to be used, in words
 
 
 def with_std(entries: Sequence[Entry], std: Mapping[str, float]) -> list[Entry]:
     """Entries with standard errors by name; those that are no larger than rounding are left out."""
     return [replace(e, std=std[e.name]) if std.get(e.name, 0.0) > 1e-9 else e for e in entries]
+
+
+#: What level flight rests on, by beginnings of names: axes, and their terms that stand for a signal by themselves.
+_RESTS_ON = {
+    ("FW_AIRSPD_STALL", "FW_AIRSPD_MIN", "FW_PSP_OFF"): {"CZ": {"alpha"}},
+    ("TRIM_PITCH", "FW_DTRIM_P"): {"CZ": {"alpha"}, "Cm": {"alpha", "de"}},
+    ("TRIM_ROLL", "FW_DTRIM_R"): {"Cl": {"da"}},
+    ("TRIM_YAW", "FW_DTRIM_Y"): {"Cn": {"dr"}},
+}
+
+
+def with_doubts(learnt: LearntModel, entries: Sequence[Entry]) -> list[Entry]:
+    """Entries of which what they rest on is not to be used say so: they are written, but not set."""
+    found = []
+    for entry in entries:
+        axes = next((axes for begins, axes in _RESTS_ON.items() if entry.name.startswith(begins)), {})
+        unsure = [
+            f"{p.name} ({p.status})"
+            for axis, signals in axes.items()
+            for p, text in zip(learnt.parameters[learnt.model.axis_slice(axis)], learnt.model.terms[axis], strict=True)
+            if text in signals and p.status != Trust.USE.name
+        ]
+        found.append(replace(entry, doubt=" and ".join(unsure)))
+    return found
 
 
 def px4_trims(learnt: LearntModel, levels: Sequence[LevelFlight], full: Array) -> list[Entry]:
@@ -91,11 +117,11 @@ def arduplane_gains(loops: Sequence[RateLoop], full: Mapping[str, float], level:
 
 
 def px4_file(comments: Sequence[str], entries: Sequence[Entry], proposed: Sequence[Entry] = ()) -> str:
-    """A parameter file of QGroundControl; ``proposed`` parameters, which no release has, are comments."""
+    """A parameter file of QGroundControl; ``proposed`` ones, which no release has, and doubtful ones are comments."""
     lines = [f"# {line}" for line in comments]
     lines += [f"# {_described(entry)}" for entry in (*entries, *proposed) if entry.what]
     lines.append("# Vehicle-Id Component-Id Name Value Type")
-    lines += [f"1\t1\t{entry.name}\t{entry.value:.6f}\t{_REAL32}" for entry in entries]
+    lines += [f"{'#' * bool(e.doubt)}1\t1\t{e.name}\t{e.value:.6f}\t{_REAL32}" for e in entries]
     lines += [f"#1\t1\t{entry.name}\t{entry.value:.6f}\t{_REAL32}" for entry in proposed]
     return "\n".join(lines) + "\n"
 
@@ -110,4 +136,5 @@ def arduplane_file(comments: Sequence[str], entries: Sequence[Entry]) -> str:
 
 def _described(entry: Entry) -> str:
     std = f" +- {entry.std:.2g}" if np.isfinite(entry.std) else ""
-    return f"{entry.name} = {entry.value:.5g}{std}: {entry.what}"
+    doubt = f"; NOT SET, since it rests on {entry.doubt}" if entry.doubt else ""
+    return f"{entry.name} = {entry.value:.5g}{std}: {entry.what}{doubt}"

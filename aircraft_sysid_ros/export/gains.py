@@ -14,6 +14,7 @@ from aircraft_sysid_ros.export.autopilot_parameters import (
     px4_file,
     px4_gains,
     px4_trims,
+    with_doubts,
     with_std,
 )
 from aircraft_sysid_ros.export.exported import header_lines
@@ -67,7 +68,8 @@ def gains(learnt: LearntModel, autopilot: str, full: Array, actuator: Actuator) 
     if autopilot == PX4:
         speed = Entry("FW_AIRSPD_TRIM", levels[0].calibrated_airspeed, what="airspeed of the gains, m/s")
         std = standard_errors(learnt, lambda model: _trims(model, full))
-        entries = [speed, *with_std(px4_trims(learnt, levels, full), std), *px4_gains(loops, reach)]
+        trims = with_doubts(learnt, with_std(px4_trims(learnt, levels, full), std))
+        entries = [speed, *trims, *px4_gains(loops, reach)]
         return Gains(loops, tuple(entries), px4_file(comments, entries), notes)
     entries = arduplane_gains(loops, reach, levels[0])
     return Gains(loops, tuple(entries), arduplane_file(comments, entries), notes)

@@ -108,6 +108,25 @@ def test_a_run_without_use(exported_run, tmp_path, capsys):
     assert not (tmp_path / "a.csv").exists()
 
 
+def test_what_rests_on_parameters_that_are_not_to_be_used_is_not_set(exported_run, tmp_path, capsys):
+    """A file that is loaded into an autopilot; what does not rest on them is set as before."""
+    run = copied(exported_run, tmp_path)
+    listed = json.loads((run / "parameters.json").read_text())
+    for p in listed["parameters"]:
+        if p["name"] == "Cm_de":
+            p["status"] = "HOLD"
+    (run / "parameters.json").write_text(json.dumps(listed))
+    words = ("export", run, "--to", "px4", "--full-deflection", "25,20,30", "--out", tmp_path / "a.params")
+    assert any(
+        "TRIM_PITCH" in note and "stand in the file as comments" in note for note in answer(capsys, *words)["notes"]
+    )
+    lines = (tmp_path / "a.params").read_text().splitlines()
+    is_set = {line.split("\t")[2]: not line.startswith("#") for line in lines if line.count("\t") == 4}
+    assert not is_set["TRIM_PITCH"] and not is_set["FW_DTRIM_P_VMIN"]
+    assert is_set["TRIM_ROLL"] and is_set["FW_AIRSPD_TRIM"] and is_set["FW_PSP_OFF"]
+    assert [line for line in lines if line.startswith("# TRIM_PITCH") and "rests on Cm_de (HOLD)" in line]
+
+
 def test_a_file_that_is_there_is_kept_unless_it_shall_be_replaced(exported_run, tmp_path, capsys):
     out = tmp_path / "a.csv"
     out.write_text("mine")
