@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from typing import Any
 
 import numpy as np
@@ -28,7 +29,7 @@ def learnt_model(run: Run, version: Version) -> LearntModel:
         ) from None
     parameters = tuple(_parameter(name, listed.get(name, {})) for name in model.parameter_names)
     if not any(p.status == Trust.USE.name for p in parameters):
-        why = next((p.reason for p in parameters if p.reason), "")
+        ((why, _),) = Counter(p.reason for p in parameters if p.reason).most_common(1) or [("", 0)]
         raise InputError(
             f"the model {version.identifier} of {run.path} has no parameter with USE{f' ({why})' if why else ''}: "
             "fly manoeuvres that determine some, and replay again"

@@ -102,6 +102,7 @@ def test_a_run_without_use(exported_run, tmp_path, capsys):
     listed = json.loads((run / "parameters.json").read_text())
     for p in listed["parameters"]:
         p["status"], p["reason"] = "HOLD", "the air was taken as calm, and was not"
+    listed["parameters"][0]["reason"] = "what holds this one alone"
     (run / "parameters.json").write_text(json.dumps(listed))
     said = refused(capsys, "export", run, "--to", "csv", "--out", tmp_path / "a.csv")
     assert "no parameter with USE (the air was taken as calm, and was not)" in said
