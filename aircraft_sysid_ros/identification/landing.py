@@ -5,6 +5,8 @@ and over ground, and neither climbed nor sank meanwhile, after it had flown: a s
 the airspeed fails it still moves over ground. On its run before that it was fast enough to be
 learnt from, for ROLLING at most, and what wheels did is in the coefficients. So what was known ROLLING before it became
 too slow is published while it stands, with the statuses of that time, and is what is known when it takes off again.
+In wind one that stands may be as fast as one that flies: what lasts less than FLOWN is a gust or a hop, after which the
+same is published again.
 """
 
 from __future__ import annotations
@@ -27,7 +29,7 @@ Array = npt.NDArray[np.float64]
 
 #: [s] too slow to fly, as in diagnosis/flight/wheels.py; [s] of the run before it, as ``rolling`` of its thresholds.
 SLOW, ROLLING = 5.0, 20.0
-#: [s] in flight before there is a landing.
+#: [s] in flight, since the last landing, before there is a landing.
 FLOWN = 30.0
 _MEMORY = ROLLING + SLOW + 5.0
 _TIME, _AIRSPEED, _NORTH = StateField.TIME, StateField.AIRSPEED, StateField.VELOCITY.start
@@ -75,6 +77,7 @@ class Landing:
         self._kept: deque[Known] = deque()
         self._motion = np.array([np.inf, 0.0, np.nan])
         self._air: Known | None = None  # what is published on the ground
+        self._landed: Known | None = None  # what was published there last
         self.since = np.nan  # [s] on the ground since then
 
     def add(self, rows: Array) -> None:
@@ -92,12 +95,16 @@ class Landing:
     def touched_down(self, now: float) -> Known | None:
         """What was known in the air, once, where it is found ``now`` [s] to be on the ground."""
         slow_since, flown, _ = self._motion.tolist()
-        if self._air is not None or now - slow_since < SLOW or flown < FLOWN:
+        if self._air is not None or now - slow_since < SLOW:
             return None
-        before = [known for known in self._kept if known.kept.time <= slow_since - ROLLING]
-        if not before:
+        before = [self._landed]
+        if flown >= FLOWN:
+            before = [None, *(known for known in self._kept if known.kept.time <= slow_since - ROLLING)]
+        if before[-1] is None:
             return None
-        self._air, self.since = before[-1], slow_since
+        self._air = self._landed = before[-1]
+        self.since = slow_since
+        self._motion[_FLOWN] = 0.0
         self._kept.clear()
         return self._air
 

@@ -49,6 +49,19 @@ def test_what_was_known_before_the_run_is_published_until_it_flies_again():
 
 
 @pytest.mark.parametrize(
+    ("fast", "of"), [(FLOWN - 5.0, 100.0 - ROLLING), (FLOWN + 45.0, 120.0 + FLOWN + 45.0 - ROLLING)]
+)
+def test_a_gust_on_the_ground_is_no_flight(fast, of):
+    """Wind alone is as fast as the least speed of a light aeroplane: what was known in the air is published again."""
+    end = 120.0 + fast
+    found, landing = flown(
+        rows(0, 100, 20.0), rows(100, 120, 2.0), rows(120, end, 1.1 * LEAST), rows(end, end + 30, 2.0)
+    )
+    assert [known for _, known in found] == [pytest.approx(100.0 - ROLLING, abs=1.0), pytest.approx(of, abs=1.0)]
+    assert landing.since == pytest.approx(end, abs=0.2)
+
+
+@pytest.mark.parametrize(
     "slow",
     [
         rows(100, 100 + SLOW - 1, 2.0),
