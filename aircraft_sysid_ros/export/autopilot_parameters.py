@@ -47,27 +47,22 @@ def with_std(entries: Sequence[Entry], std: Mapping[str, float]) -> list[Entry]:
     return [replace(e, std=std[e.name]) if std.get(e.name, 0.0) > 1e-9 else e for e in entries]
 
 
-#: What level flight rests on, by beginnings of names: axes, and their terms that stand for a signal by themselves.
+#: Main derivatives that level flight rests on, by beginnings of names.
 _RESTS_ON = {
-    ("FW_AIRSPD_STALL", "FW_AIRSPD_MIN", "FW_PSP_OFF"): {"CZ": {"alpha"}},
-    ("TRIM_PITCH", "FW_DTRIM_P"): {"CZ": {"alpha"}, "Cm": {"alpha", "de"}},
-    ("TRIM_ROLL", "FW_DTRIM_R"): {"Cl": {"da"}},
-    ("TRIM_YAW", "FW_DTRIM_Y"): {"Cn": {"dr"}},
+    ("FW_AIRSPD_STALL", "FW_AIRSPD_MIN", "FW_PSP_OFF"): ("CZ_alpha",),
+    ("TRIM_PITCH", "FW_DTRIM_P"): ("CZ_alpha", "Cm_alpha", "Cm_de"),
+    ("TRIM_ROLL", "FW_DTRIM_R"): ("Cl_da",),
+    ("TRIM_YAW", "FW_DTRIM_Y"): ("Cn_dr",),
 }
 
 
 def with_doubts(learnt: LearntModel, entries: Sequence[Entry]) -> list[Entry]:
     """Entries of which what they rest on is not to be used say so: they are written, but not set."""
+    unsure = {p.name: f"{p.name} ({p.status})" for p in learnt.parameters if p.status != Trust.USE.name}
     found = []
     for entry in entries:
-        axes = next((axes for begins, axes in _RESTS_ON.items() if entry.name.startswith(begins)), {})
-        unsure = [
-            f"{p.name} ({p.status})"
-            for axis, signals in axes.items()
-            for p, text in zip(learnt.parameters[learnt.model.axis_slice(axis)], learnt.model.terms[axis], strict=True)
-            if text in signals and p.status != Trust.USE.name
-        ]
-        found.append(replace(entry, doubt=" and ".join(unsure)))
+        rests_on = next((names for begins, names in _RESTS_ON.items() if entry.name.startswith(begins)), ())
+        found.append(replace(entry, doubt=" and ".join(unsure[name] for name in rests_on if name in unsure)))
     return found
 
 

@@ -76,18 +76,17 @@ class Landing:
         """The clock began anew."""
         self._kept: deque[Known] = deque()
         self._motion = np.array([np.inf, 0.0, np.nan])
-        self._air: Known | None = None  # what is published on the ground
-        self._landed: Known | None = None  # what was published there last
-        self.since = np.nan  # [s] on the ground since then
+        self._air: Known | None = None  # what is published on the ground, or was there last
+        self.since = np.nan  # [s] on the ground since then; NaN: in flight
 
     def add(self, rows: Array) -> None:
         """States (n, StateField.WIDTH) in order of time."""
         if _follow(rows, self._minimum_airspeed, self._motion):
-            self._air, self.since = None, np.nan
+            self.since = np.nan
 
     def keep(self, known: Known) -> None:
         """What is known now."""
-        if self._air is None:
+        if np.isnan(self.since):
             self._kept.append(known)
             while self._kept[0].kept.time < known.kept.time - _MEMORY:
                 self._kept.popleft()
@@ -95,22 +94,21 @@ class Landing:
     def touched_down(self, now: float) -> Known | None:
         """What was known in the air, once, where it is found ``now`` [s] to be on the ground."""
         slow_since, flown, _ = self._motion.tolist()
-        if self._air is not None or now - slow_since < SLOW:
+        if not np.isnan(self.since) or now - slow_since < SLOW:
             return None
-        before = [self._landed]
+        known = self._air
         if flown >= FLOWN:
-            before = [None, *(known for known in self._kept if known.kept.time <= slow_since - ROLLING)]
-        if before[-1] is None:
+            known = next((each for each in reversed(self._kept) if each.kept.time <= slow_since - ROLLING), None)
+        if known is None:
             return None
-        self._air = self._landed = before[-1]
-        self.since = slow_since
+        self._air, self.since = known, slow_since
         self._motion[_FLOWN] = 0.0
         self._kept.clear()
-        return self._air
+        return known
 
     def published(self, now: float, start: float) -> ParameterSet | None:
         """On the ground: what was known in the air, as of ``now`` [s] in a flight since ``start`` [s]; else None."""
-        if self._air is None:
+        if self._air is None or np.isnan(self.since):
             return None
         found, words = self._air.publish(), self.words(start)
         elapsed = now - found.time if np.isfinite(now - found.time) else 0.0
@@ -121,6 +119,6 @@ class Landing:
 
     def words(self, start: float) -> str:
         """That it is on the ground, in a flight since ``start`` [s]; empty: it is not."""
-        if self._air is None:
+        if np.isnan(self.since):
             return ""
         return f"on the ground since {max(self.since - start, 0.0):.1f} s: the values from the air"
