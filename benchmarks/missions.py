@@ -111,8 +111,7 @@ def summary(results: list[dict[str, Any]]) -> str:
 
 def main() -> None:
     """Fly what is not flown yet, and count."""
-    parser = resumed.options(__doc__, clean=60, failed=36, moved=0)
-    parser.add_argument("--first", type=int, default=FIRST, help="first seed")
+    parser = resumed.options(__doc__, FIRST, clean=60, failed=36, moved=0)
     parser.add_argument("--aeroplanes", choices=list(AEROPLANES), default=USUAL)
     args = parser.parse_args()
     named = RESULTS if args.aeroplanes == USUAL else RESULTS.with_stem(f"missions_{args.aeroplanes}")

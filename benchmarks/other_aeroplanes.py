@@ -231,8 +231,7 @@ def jobs(clean: int, hidden: int, first: int) -> list[dict[str, Any]]:
 
 def main() -> None:
     """Fly what is not flown yet, and count."""
-    parser = resumed.options(__doc__, clean=20, hidden=10)
-    parser.add_argument("--first", type=int, default=FIRST, help="first seed")
+    parser = resumed.options(__doc__, FIRST, clean=20, hidden=10)
     parser.add_argument("--summary", action="store_true", help="no flights, only the count of those that are there")
     args = parser.parse_args()
     path = args.results or RESULTS

@@ -31,11 +31,16 @@ def flown(fly: Callable[[Any], Record], wanted: Iterable[Any], results: Path, jo
             yield record
 
 
-def options(description: str | None, **counts: int) -> argparse.ArgumentParser:
-    """Options that such benchmarks have: how many flights of each kind, the first seed, processes and the file."""
+def options(description: str | None, first: int | None = None, **counts: int) -> argparse.ArgumentParser:
+    """Options that such benchmarks have: how many flights of each kind, the first seed, processes and the file.
+
+    ``first``: the usual first seed; None: the seeds are listed.
+    """
     parser = argparse.ArgumentParser(description=description, formatter_class=argparse.RawDescriptionHelpFormatter)
     for name, count in counts.items():
         parser.add_argument(f"--{name}", type=int, default=count, help="number of such flights")
+    if first is not None:
+        parser.add_argument("--first", type=int, default=first, help="first seed")
     parser.add_argument("--jobs", type=int, default=len(os.sched_getaffinity(0)), help="flights at a time")
     parser.add_argument("--results", type=Path, help="file of another name")
     return parser

@@ -169,8 +169,7 @@ def draw(results: list[dict[str, Any]], path: Path) -> None:
 
 def main() -> None:
     """Fly what is not flown yet, and count."""
-    parser = resumed.options(__doc__, clean=40, hidden=24)
-    parser.add_argument("--first", type=int, default=FIRST, help="first seed")
+    parser = resumed.options(__doc__, FIRST, clean=40, hidden=24)
     parser.add_argument("--placed", action="store_true", help="sensors are where the aeroplane has them")
     parser.add_argument("--figure", action="store_true", help="draw the p-values of the flights that are there")
     args = parser.parse_args()
