@@ -79,7 +79,7 @@ def told_in_flight(user, bench):
             return [json.loads(line) for line in lines if line.endswith("\n")]
 
         def is_told_enough():
-            assert simulator.process.poll() is None, f"{len(live_among(told()[-1]))} values live: {simulator.errors}"
+            assert simulator.process.poll() is None, what_was_said(told(), diagnostics, live, bridge, control_loop)
             return bool(told()) and len(live_among(told()[-1])) >= ENOUGH
 
         more = ["--duration", LONGEST, "--connect", f"udpout:127.0.0.1:{port}"]
@@ -92,6 +92,14 @@ def told_in_flight(user, bench):
     check_passed_on(passed_on)
     assert run["states"][0] == run["states"][1] > 500
     return told()
+
+
+def what_was_said(told, diagnostics, *processes):
+    """Why the flight ended before enough values were live."""
+    newest_of = {s.name: s for message in diagnostics for s in message.status}
+    said = [f"told {len(told)} times, live at the end: {live_among(told[-1]) if told else 'nothing'}"]
+    said += [f"{s.name}: {s.message} {({v.key: v.value for v in s.values})}" for s in newest_of.values()]
+    return "\n".join(said + [running.errors for running in processes])
 
 
 def newest(diagnostics, name):
