@@ -17,7 +17,7 @@ from aircraft_sysid_ros.after_flight.calibrate import SECTIONS, CalibrationOptio
 from aircraft_sysid_ros.calibration.five_hole_probe import SENSITIVITY
 from aircraft_sysid_ros.calibration.procedure import SAMPLES
 from aircraft_sysid_ros.commands.notes import note_lines
-from aircraft_sysid_ros.commands.progress import progress_bar
+from aircraft_sysid_ros.commands.progress import now_and_then, progress_bar
 from aircraft_sysid_ros.config_files import DEFAULT_AIRCRAFT
 from aircraft_sysid_ros.report.calibration_figures import draw_calibration
 
@@ -68,8 +68,13 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 @contextmanager
 def _progress(what: str) -> Iterator[Callable[[str, int, int], None]]:
     with progress_bar() as bar:
-        task = bar.add_task(f"{what}: navigation", total=None)
-        yield lambda stage, done, of: bar.update(task, description=f"{what}: {stage}", completed=done, total=of or None)
+        task, say = bar.add_task(f"{what}: navigation", total=None), now_and_then(bar)
+
+        def tell(stage: str, done: int, of: int) -> None:
+            bar.update(task, description=f"{what}: {stage}", completed=done, total=of or None)
+            say(f"{what}: {stage}, {done}" + (f" of {of}" if of else ""))
+
+        yield tell
 
 
 def render(result: dict[str, Any]) -> str:

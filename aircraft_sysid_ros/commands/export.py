@@ -136,7 +136,8 @@ def checked_out(path: str, suffix: str, overwrite: bool) -> Path:
     if out.suffix.lower() != suffix:
         raise InputError(f"--out {path}: give it a name that ends in {suffix}")
     if not out.parent.is_dir():
-        raise InputError(f"--out {path}: the folder {out.parent} is not there, make it first")
+        what = "is no folder" if out.parent.exists() else "is not there: make the folder first"
+        raise InputError(f"--out {path}: {out.parent} {what}")
     if out.is_dir() or (os.path.lexists(out) and not overwrite):
         what = (
             "is a folder: give another name" if out.is_dir() else "is already there: give another name or --overwrite"
@@ -154,7 +155,8 @@ def full_deflection(text: str | None) -> npt.NDArray[np.float64] | None:
     except ValueError:
         degrees = []
     if len(degrees) != 3 or not all(math.isfinite(d) and 0.0 < d <= _LARGEST_DEFLECTION for d in degrees):
-        raise InputError(f"--full-deflection {text[:40]}: give three positive {_FULL}")
+        within = f"above 0 and at most {_LARGEST_DEFLECTION:g}"
+        raise InputError(f"--full-deflection {text[:40]}: give three {_FULL}, {within}")
     return np.radians(degrees)
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import signal
 import sys
-import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -13,7 +12,7 @@ from typing import Any
 
 from aircraft_sysid_ros.after_flight.diagnose import FEWEST, MOST
 from aircraft_sysid_ros.commands.notes import note_lines
-from aircraft_sysid_ros.commands.progress import progress_bar
+from aircraft_sysid_ros.commands.progress import now_and_then, progress_bar
 from aircraft_sysid_ros.diagnosis.significance.parametric_bootstrap import COUNT
 from aircraft_sysid_ros.errors import IncompleteError, InputError
 from aircraft_sysid_ros.fleet.fleet import Asked, Fleet, fly_fleet
@@ -21,8 +20,6 @@ from aircraft_sysid_ros.fleet.flights import Files
 
 #: Flights with a verdict that are listed; all of them are on the page and in the tables.
 _MOST_LISTED = 10
-#: Where there is no terminal to show a bar, how far it is is said every so many seconds.
-_TOLD_EVERY = 30.0
 
 
 def add_parser(subparsers: Any) -> argparse.ArgumentParser:
@@ -67,16 +64,11 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         workers=args.workers,
     )
     with progress_bar() as progress:
-        task = progress.add_task("look for flights", total=None)
-
-        said = time.monotonic()
+        task, say = progress.add_task("look for flights", total=None), now_and_then(progress)
 
         def tell(what: str, count: int, total: int) -> None:
-            nonlocal said
             progress.update(task, description=what, completed=count, total=total)
-            if progress.disable and time.monotonic() - said >= _TOLD_EVERY:  # in a log of a batch system
-                said = time.monotonic()
-                _say(f"{what}: {count} of {total}")
+            say(f"{what}: {count} of {total}")
 
         with _ended_as_by_ctrl_c():
             fleet = fly_fleet(asked, tell, _say)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import sys
+import time
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -11,6 +13,9 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, Ti
 
 from aircraft_sysid_ros.after_flight.progress import Tell
 from aircraft_sysid_ros.errors import InputError
+
+#: Where there is no terminal to show a bar, how far long work has come is said every so many seconds.
+TOLD_EVERY = 30.0
 
 
 @contextmanager
@@ -24,10 +29,29 @@ def progress_bar() -> Iterator[Progress]:
 
 @contextmanager
 def telling(what: str = "") -> Iterator[Tell]:
-    """A bar that hears what is being done and its share."""
+    """A bar that hears what is being done and its share; where there is no terminal, a line now and then."""
     with progress_bar() as progress:
         task = progress.add_task(what, total=1.0)
-        yield lambda now, share: progress.update(task, description=now or what, completed=share)
+        say = now_and_then(progress)
+
+        def tell(now: str, share: float) -> None:
+            progress.update(task, description=now or what, completed=share)
+            say(f"{now or what}: {100.0 * share:.0f} %")
+
+        yield tell
+
+
+def now_and_then(progress: Progress) -> Callable[[str], None]:
+    """What says how far long work has come where its bar is not shown, as in the log of a batch system."""
+    said = time.monotonic()
+
+    def say(text: str) -> None:
+        nonlocal said
+        if progress.disable and time.monotonic() - said >= TOLD_EVERY:
+            said = time.monotonic()
+            print(text, file=sys.stderr, flush=True)
+
+    return say
 
 
 def say_ready(path: str | None) -> None:

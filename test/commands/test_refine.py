@@ -30,10 +30,14 @@ def test_a_run_holds_its_samples(run, aircraft):
         np.testing.assert_array_equal(stored["values"], samples.values)
 
 
-def test_refine_writes_file_and_figure(run, pictures, capsys):
+def test_refine_writes_file_and_figure(run, pictures, capsys, monkeypatch):
     capsys.readouterr()
+    monkeypatch.setattr("aircraft_sysid_ros.commands.progress.TOLD_EVERY", 0.0)
     assert main(["refine", str(run), "--method", "output-error", "--segment", "6", "--json"]) == 0
-    printed = json.loads(capsys.readouterr().out)
+    said = capsys.readouterr()
+    printed = json.loads(said.out)
+    shares = [float(line.rpartition(" ")[0].rpartition(" ")[2]) for line in said.err.splitlines() if "%" in line]
+    assert shares == sorted(shares) and len(shares) > 2  # how far it is, without a terminal
     stored = json.loads((run / "refined-output-error.json").read_text())
     assert {k: v for k, v in printed.items() if k not in ("file", "figure", "notes")} == stored
     assert stored["method"] == "output-error" and len(stored["parameters"]) == 32

@@ -98,7 +98,9 @@ def what_was_said(told, diagnostics, *processes):
     """Why the flight ended before enough values were live."""
     newest_of = {s.name: s for message in diagnostics for s in message.status}
     said = [f"told {len(told)} times, live at the end: {live_among(told[-1]) if told else 'nothing'}"]
-    said += [f"{s.name}: {s.message} {({v.key: v.value for v in s.values})}" for s in newest_of.values()]
+    for s in newest_of.values():
+        values = {item.key: item.value for item in s.values}
+        said.append(f"{s.name}: {s.message} {values}")
     return "\n".join(said + [running.errors for running in processes])
 
 

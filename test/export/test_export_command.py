@@ -144,13 +144,13 @@ def test_a_file_that_is_there_is_kept_unless_it_shall_be_replaced(exported_run, 
     ("words", "said"),
     [
         (["--to", "csv", "--out", "a.txt"], "ends in .csv"),
-        (["--to", "csv", "--out", "no/where/a.csv"], "the folder no/where is not there"),
+        (["--to", "csv", "--out", "no/where/a.csv"], "no/where is not there: make the folder first"),
         (["--to", "xplane", "--out", "a.acf"], "invalid choice: 'xplane'"),
         (["--to", "px4", "--target-version", "v0.1", "--out", "a.params"], "v0.1 of px4 is not known: it is main or"),
         (["--to", "csv", "--out", "a.csv", "--model", "nope"], "has no model 'nope'"),
-        (["--to", "px4", "--out", "a.params", "--full-deflection", "25,20"], "three positive degrees"),
-        (["--to", "px4", "--out", "a.params", "--full-deflection", "25,0,nan"], "three positive degrees"),
-        (["--to", "px4", "--out", "a.params", "--full-deflection", "25,20,300"], "three positive degrees"),
+        (["--to", "px4", "--out", "a.params", "--full-deflection", "25,20"], "give three degrees"),
+        (["--to", "px4", "--out", "a.params", "--full-deflection", "25,0,nan"], "above 0 and at most 90"),
+        (["--to", "px4", "--out", "a.params", "--full-deflection", "25,20,300"], "above 0 and at most 90"),
     ],
 )
 def test_bad_input_is_one_sentence(exported_run, tmp_path, monkeypatch, capsys, words, said):
@@ -163,6 +163,12 @@ def test_bad_input_is_one_sentence(exported_run, tmp_path, monkeypatch, capsys, 
     else:
         err = refused(capsys, "export", exported_run, *words)
     assert said in err and not list(tmp_path.iterdir())
+
+
+def test_a_file_is_no_folder(exported_run, tmp_path, capsys):
+    (tmp_path / "here").touch()
+    err = refused(capsys, "export", exported_run, "--to", "csv", "--out", tmp_path / "here" / "a.csv")
+    assert "here is no folder" in err
 
 
 def test_a_folder_that_cannot_be_written_to(exported_run, tmp_path, capsys):

@@ -183,7 +183,7 @@ def test_without_a_terminal_how_far_it_is_is_said_in_lines(monkeypatch, capsys, 
         tell("fly", 3, 400)
         raise InputError("enough")
 
-    monkeypatch.setattr(command, "_TOLD_EVERY", 0.0)
+    monkeypatch.setattr("aircraft_sysid_ros.commands.progress.TOLD_EVERY", 0.0)
     monkeypatch.setattr(command, "fly_fleet", fly)
     assert main(["fleet", str(tmp_path), "--out", str(tmp_path / "out")]) == 2
     assert "fly: 3 of 400\n" in capsys.readouterr().err
