@@ -5,6 +5,8 @@ from __future__ import annotations
 import contextlib
 import io
 import os
+import re
+import string
 import tempfile
 from collections.abc import Iterator
 from itertools import pairwise
@@ -27,6 +29,8 @@ from aircraft_sysid_ros.ros_messages.conversion import NANOSECONDS
 
 _MAGIC = b"\xa3\x95"
 _HEADER = 3
+#: A message that says how others are laid out: their length, name, letters of types, and columns.
+_FORMAT = re.compile(rb"\xa3\x95\x80.(.)(.{4})(.{16})(.{64})", re.DOTALL)
 #: Letters of a format: NumPy type and factor, as in AP_Logger/LogStructure.h.
 _LETTERS: dict[str, tuple[str, float | None]] = {
     "b": ("i1", None), "B": ("u1", None), "M": ("u1", None), "h": ("<i2", None), "H": ("<u2", None),
@@ -50,16 +54,14 @@ def import_dataflash(path: Path, mapping: ServoMapping | None = None) -> Importe
 
 def read_dataflash(path: Path) -> LogContent:
     """All messages that the table has, stamped in Unix time where a GPS knew it."""
-    try:
-        from pymavlink.DFReader import DFReader_binary
-    except ImportError:
-        raise MissingExtra("DataFlash logs", "pymavlink", "logs") from None
     with path.open("rb") as file:
         if file.read(2) != _MAGIC:
             raise InputError("it is not a DataFlash log: it does not begin with A3 95")
     try:
         with _without_complaints() as complaints:
-            reader = DFReader_binary(str(path))
+            reader, damaged = _opened(path)
+    except MissingExtra:
+        raise
     except Exception as error:  # pymavlink lets struct.error, KeyError and its own through
         raise InputError(f"it is not a readable DataFlash log ({error})") from None
     content = np.frombuffer(reader.data_map, np.uint8)
@@ -83,6 +85,9 @@ def read_dataflash(path: Path) -> LogContent:
         notes.append("ACC and GYR, which IMU_RAW of LOG_BITMASK writes, are not read: set IMU, which writes both")
     if complaints:
         notes.append("the file is damaged in places: what could be read was")
+    if damaged:
+        names = ", ".join(damaged)
+        notes.append(f"what the file says of the layout of {names} is damaged: none of that could be read")
     notes += _output_notes(tables.get("PARM"))
     batches = [
         Batch(name, start + _time(fields), fields)
@@ -91,6 +96,51 @@ def read_dataflash(path: Path) -> LogContent:
     ]
     flown = injections(tables, start)
     return LogContent("DataFlash (ArduPilot)", batches, found, [*notes, NO_CHECKSUMS], flown)
+
+
+def _opened(path: Path) -> tuple[Any, list[str]]:
+    """The reader of a log, and the messages whose format nobody can read."""
+    try:
+        from pymavlink.DFReader import DFReader_binary
+    except ImportError:
+        raise MissingExtra("DataFlash logs", "pymavlink", "logs") from None
+    try:
+        return DFReader_binary(str(path)), []
+    except Exception:
+        with tempfile.TemporaryDirectory() as folder:
+            copy = Path(folder) / path.name
+            if not (damaged := _with_readable_formats(path, copy)):
+                raise
+            return DFReader_binary(str(copy)), damaged  # which keeps the copy until it is closed
+
+
+def _with_readable_formats(path: Path, copy: Path) -> list[str]:
+    """Write a copy in which formats that nobody can read are of columns without a meaning, of the same length.
+
+    One of them is enough that pymavlink reads nothing, and without them it loses its way. Returns the messages that
+    they are of. A name or columns that can be read tell a format from other bytes.
+    """
+    content, damaged = np.fromfile(path, np.uint8), []
+    for match in re.finditer(_FORMAT, path.read_bytes()):
+        name, letters, columns = (part.rstrip(b"\0") for part in match.groups()[1:])
+        is_right = all(letter in _LETTERS for letter in letters.decode("latin1"))
+        if not is_right and (re.fullmatch(rb"[A-Z0-9]+", name) or re.fullmatch(rb"[ -~]+", columns)):
+            damaged.append(name.decode("ascii", "replace"))
+            meaningless = _letters_of(match[1][0] - _HEADER)
+            names = ",".join(string.ascii_lowercase[: len(meaningless)])
+            for at, text, width in ((3, meaningless, 16), (4, names, 64)):
+                content[match.start(at) : match.end(at)] = np.frombuffer(text.encode().ljust(width, b"\0"), np.uint8)
+    content.tofile(copy)
+    return damaged
+
+
+def _letters_of(size: int) -> str:
+    """Letters of types that have a size [bytes] together."""
+    letters = ""
+    for letter, width in (("Z", 64), ("N", 16), ("n", 4), ("B", 1)):
+        letters += letter * (size // width)
+        size %= width
+    return letters
 
 
 #: A clock that goes back by so much [ns], between so many IMU messages in order, has begun anew.

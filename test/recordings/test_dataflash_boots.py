@@ -1,4 +1,4 @@
-"""A DataFlash file with two boots, and one whose IMU is in ACC and GYR."""
+"""A DataFlash file with two boots, one whose IMU is in ACC and GYR, and one with a damaged format."""
 
 import numpy as np
 import pytest
@@ -48,3 +48,16 @@ def test_what_imu_raw_writes_is_named(tmp_path):
     assert "set IMU, which writes both" in " ".join(imported.notes)
     with pytest.raises(InputError, match="A3 95"):
         import_dataflash(tmp_path / __file__)
+
+
+@pytest.mark.parametrize("at", [0, 2])
+def test_a_format_that_is_damaged_takes_its_own_messages_and_no_others(tmp_path, at):
+    """pymavlink reads nothing of a log with one of them."""
+    content = bytearray(dataflash(FORMATS, dataflash_rows()))
+    letters = content.index(b"BARO") + len("BARO")
+    content[letters + at] = ord("v")
+    log = tmp_path / "flight.bin"
+    log.write_bytes(content)
+    report, recording = run_import(log, tmp_path / "bag")
+    check_motion(recording, UNIX, height=1e-2)
+    assert "the layout of BARO is damaged: none of that could be read" in " ".join(report["notes"])
