@@ -122,7 +122,8 @@ def render(result: dict[str, Any]) -> str:
         lines.append(f"left out: {told}")
     lines.append(
         f"{result['bad_data']} pieces of bad data, {result['reboots']} restarts of the autopilot, "
-        f"{result['losses']} silences, {result['sent_back']} messages sent back"
+        f"{result['losses']} silences, {result['missing']} packets lost on the way, "
+        f"{result['sent_back']} messages sent back"
     )
     return "\n".join(lines)
 

@@ -144,7 +144,7 @@ _WRAP = 2**32  # [us] 71.6 min
 _NARROW = ("SERVO_OUTPUT_RAW", "AOA_SSA")  # ArduPilot counts in 32 bits there, whatever the field could hold
 _FIX, _FIX_2D = "GPS_RAW_INT", 2  # told again and again until there is another
 _BACKWARDS = NANOSECONDS  # [ns] UDP may exchange packets by less
-_LEAP = 5 * NANOSECONDS  # [ns] ahead of what our clock allows
+_LEAP = 5 * NANOSECONDS  # [ns] ahead of what the quickest message allows: those that waited for longer were later
 #: A restart is believed after so many messages in a row that agree with each other and not with the clock, over such a
 #: time [ns]: some forged ones would else shut out the genuine, which come between them.
 _CONFIRMING, _CONFIRMING_SPAN = 5, NANOSECONDS // 2
@@ -164,7 +164,7 @@ class BootTime:
     def __init__(self) -> None:
         self.reboots = 0
         self._newest: int | None = None
-        self._arrival = 0
+        self._least = 0  # of arrival - boot: the quickest message
         self._unix_minus_boot: int | None = None  # [ns]
         self._suspect: _Suspect | None = None
         self._last_fix: int | None = None
@@ -210,22 +210,24 @@ class BootTime:
 
     def _believe(self, boot: int, arrival: int) -> bool:
         """Follow the newest time; a leap counts once several messages in a row confirm it."""
-        if self._newest is None or self._fits(boot, arrival, self._newest, self._arrival):
-            if self._newest is None or boot > self._newest:
-                self._newest, self._arrival = boot, arrival
+        if self._newest is None:
+            self._newest, self._least = boot, arrival - boot
+        if self._fits(boot, arrival, self._newest, self._least):
+            self._newest, self._least = max(self._newest, boot), min(self._least, arrival - boot)
             self._suspect = None
             return True
         suspect = self._suspect
-        if suspect is None or not self._fits(boot, arrival, suspect.boot, suspect.arrival):
+        if suspect is None or not self._fits(boot, arrival, suspect.boot, suspect.arrival - suspect.boot):
             self._suspect = _Suspect(boot, arrival, 1, arrival)
             return False
         self._suspect = _Suspect(max(boot, suspect.boot), arrival, suspect.count + 1, suspect.since)
         if self._suspect.count < _CONFIRMING or arrival - suspect.since < _CONFIRMING_SPAN:
             return False
-        self._newest, self._arrival, self._suspect = boot, arrival, None
+        self._newest, self._least, self._suspect = boot, arrival - boot, None
         self._unix_minus_boot = None
         self.reboots += 1
         return True
 
-    def _fits(self, boot: int, arrival: int, before: int, before_arrival: int) -> bool:
-        return -_BACKWARDS <= boot - before <= (arrival - before_arrival) + _LEAP
+    def _fits(self, boot: int, arrival: int, before: int, least: int) -> bool:
+        """Whether a time is after one before, and the message no quicker than possible; it may have waited long."""
+        return boot - before >= -_BACKWARDS and arrival - boot >= least - _LEAP

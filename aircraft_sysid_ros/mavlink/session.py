@@ -26,6 +26,8 @@ NANOSECONDS = 1_000_000_000
 HEARTBEAT_PERIOD = 1.0  # [s]
 SYNC_PERIOD, FIRST_SYNC_PERIOD, FIRST_SYNCS = 1.0, 0.2, 10
 LOST_AFTER = 5.0  # [s] without a message
+#: Numbers of packets, and how many of them a packet may be overtaken by.
+_NUMBERS, _OVERTAKEN = 256, 64
 _AUTOPILOT_NAMES = {dialect.MAV_AUTOPILOT_ARDUPILOTMEGA: "ArduPilot", dialect.MAV_AUTOPILOT_PX4: "PX4"}
 _NOT_VEHICLES = (dialect.MAV_TYPE_GCS, dialect.MAV_TYPE_ANTENNA_TRACKER, dialect.MAV_TYPE_GIMBAL, dialect.MAV_TYPE_ADSB)
 
@@ -68,11 +70,13 @@ class Session:
         self.unstamped = 0  # messages before the clock was known
         self.not_finite = 0  # messages with NaN or infinity where a number must be
         self.losses = 0  # times that the vehicle fell silent
+        self.missing = 0  # packets that the vehicle sent and that did not come, by their numbers
         self.notes: list[str] = []  # news since they were last taken
         self._wanted_system = system
         self._other = ""  # vehicle that is heard while ours is not, in words
         self._last_message = 0
         self._silent = True
+        self._number: int | None = None  # of the vehicle's newest packet
         self._next_heartbeat = self._next_sync = 0
         self._syncs = 0
         self._asked: deque[int] = deque(maxlen=32)  # our times in questions: other stations ask too
@@ -98,6 +102,7 @@ class Session:
         self._last_message = now
         if self._silent:
             self._return(now)
+        self._count_missing(message.get_seq())
         self.received[name] += 1
         self.requests.heard(name, now)
         fields = fields_of(message)
@@ -107,6 +112,15 @@ class Session:
         if name == "COMMAND_ACK":
             self.requests.acknowledged(fields["command"], fields["result"])
         return self._samples(name, fields, now)
+
+    def _count_missing(self, number: int) -> None:
+        """Packets carry a number from 0 to 255, one after the other: one that is overtaken was counted, and comes."""
+        ahead = 1 if self._number is None else (number - self._number) % _NUMBERS
+        if ahead > _NUMBERS - _OVERTAKEN:
+            self.missing -= 1
+        elif ahead:
+            self.missing += ahead - 1
+            self._number = number
 
     def _samples(self, name: str, fields: dict[str, Any], now: int) -> list[Output]:
         reboots = self.boot_time.reboots
@@ -160,7 +174,7 @@ class Session:
 
     def _return(self, now: int) -> None:
         """The vehicle speaks again: whatever it was asked for may be forgotten."""
-        self._silent, self._other = False, ""
+        self._silent, self._other, self._number = False, "", None
         self.notes.append("the vehicle is back")
         self.requests.start(now)
 
@@ -168,6 +182,7 @@ class Session:
         """The autopilot started anew: its clock, its rates and what it last said are gone."""
         self.notes.append("the autopilot has started anew")
         self.clock.reset()
+        self._number = None
         self.assembler = Assembler(MAVLINK, self.mapping)
         self.requests.start(now)
         self._syncs, self._next_sync = 0, now
@@ -249,6 +264,7 @@ class Session:
             "not_signed": self.decoder.refused,
             "reboots": self.boot_time.reboots,
             "losses": self.losses,
+            "missing": self.missing,
             "clock": {
                 "drift_ppm": 1e6 * self.clock.drift if self.clock.ready else None,
                 "std": self.clock.std if self.clock.ready else None,

@@ -23,6 +23,9 @@ from aircraft_sysid_ros.installation import MissingExtra
 DEFAULT_BAUD = 57600
 FIRST_PAUSE, LONGEST_PAUSE = 0.5, 5.0  # [s] between tries to open again
 _AT_ONCE = 65536
+#: Bytes that may wait in the system while this process waits for its turn, or as many as it allows: its own default
+#: holds a quarter of a second of an autopilot's messages.
+_WAITING = 1_048_576
 _MOST_FOREIGN = 1000  # packets of others that are passed over at a time
 _WHAT_TO_DO = {
     errno.EADDRINUSE: "another program has this port, perhaps a ground station; end that or take another port",
@@ -157,6 +160,7 @@ class Transport:
             self._device.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         else:
             device = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+            device.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _WAITING)
             try:
                 if kind == "udpin":
                     self._only = socket.gethostbyname(self._host) if self._host else ""

@@ -37,6 +37,8 @@ WIND, PARAMETERS = "state_estimator/wind", "parameter_estimator/parameters"
 
 #: Time [s] after which it is said that no parameters come that could go back.
 _PATIENCE = 20.0
+#: Share of the packets from which on it is said that they are lost: a radio loses some.
+_MUCH = 0.05
 #: Options of what goes back begin with it.
 _BACK = "back_"
 _of_link = partial(NodeOption, fixed="the link is opened with it", when=When.CONFIGURED)
@@ -77,6 +79,7 @@ class MavlinkBridgeNode(ConfigurableNode):
         self._topics: BridgeTopics | None = None
         self._heard: dict[str, Any] = {}
         self._unknown: list[str] = []  # parameters that are to go back and that the model does not have
+        self._seen = (0, 0)  # packets that came and that are missing, at the last look
         self._waits_since: float | None = None  # [s] for the first message of parameters; None: it does not
 
     @property
@@ -99,6 +102,7 @@ class MavlinkBridgeNode(ConfigurableNode):
         except InputError as error:
             self.failure = error  # for who started the node in this process
             raise
+        self._seen = (0, 0)
         self.bridge = Bridge(transport, session, back, lambda: self.get_clock().now().nanoseconds)
         self._topics = BridgeTopics(self, values["topics"], mapping)
         self._diagnostics = self.create_lifecycle_publisher(DiagnosticArray, "/diagnostics", 10)
@@ -234,6 +238,13 @@ class MavlinkBridgeNode(ConfigurableNode):
             topic = self._heard[PARAMETERS].topic_name
             self.get_logger().warning(f"no parameters have come on {topic} yet, so that none are sent back")
 
+    def _lost_in_words(self, session: Session) -> str:
+        """That much of what the vehicle sent since the last look did not come."""
+        before, self._seen = self._seen, (session.received.total(), session.missing)
+        came, missing = (now - then for now, then in zip(self._seen, before, strict=True))
+        share = missing / max(came + missing, 1)
+        return f"{100.0 * share:.0f} % of the packets of the autopilot are lost on the way" if share > _MUCH else ""
+
     def _publish_diagnostics(self) -> None:
         if self.bridge is None:
             return
@@ -244,6 +255,8 @@ class MavlinkBridgeNode(ConfigurableNode):
         share = common.cpu_share(self._process_times, times)
         self._process_times = times
         problem = "the link failed" if self.failure else session.condition
+        lost = self._lost_in_words(session)
+        problem = "; ".join(part for part in (problem, lost) if part)
         level = DiagnosticStatus.WARN[0] if problem else DiagnosticStatus.OK[0]
         foreign = self.bridge.transport.foreign
         values = {"cpu_share": f"{share:.3f}", "sent_back": self.bridge.back.sent, "foreign": foreign}

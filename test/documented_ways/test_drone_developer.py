@@ -123,7 +123,7 @@ def check_passed_on(result):
     assert result["vehicle"] == "ArduPilot 1" and result["bad_data"] == result["reboots"] == 0
     not_mavlink = {"five_hole_probe", "height_above_ground", "mass_properties"}
     assert result["published"].keys() == ALL_TOPICS.keys() - not_mavlink
-    assert result["clock"]["std"] < 0.01
+    assert result["clock"]["std"] < 0.05  # less than 0.001 where no other work delays the answers
 
 
 def same_as_written(values, run, truth):

@@ -191,3 +191,19 @@ def test_messages_that_waited_in_a_queue_are_no_restart():
     for k in range(300):
         assert boot.of("ATTITUDE", {"time_boot_ms": 1100 + 100 * k}, NOW + 31 * SECOND) is not None
     assert boot.reboots == 0
+
+
+def test_a_reader_that_is_behind_until_its_queue_is_full_hears_no_restart():
+    """What waited comes later and later, and then what was sent 8 s after it: five restarts were told of that."""
+    boot, delay = BootTime(), 0.0
+    for k in range(6000):
+        delay = delay + 0.006 if delay < 8.0 else 0.0
+        if delay > 4.0 and (k // 100) % 2:
+            continue  # there was no room for it
+        at = NOW + round((0.01 * k + delay) * SECOND)
+        assert boot.of("HIGHRES_IMU", {"time_usec": 50_000_000 + 10_000 * k}, at) is not None
+    sent = 110_000_000
+    for gap in (0, 8_000_000, 20_000_000):
+        sent += gap
+        assert boot.of("HIGHRES_IMU", {"time_usec": sent}, NOW + 100 * SECOND + sent) is not None
+    assert boot.reboots == 0

@@ -206,6 +206,23 @@ def test_a_fifth_of_the_packets_lost_loses_a_fifth_of_the_samples(events, mappin
     _, error = stamp_errors(outputs, flown)
     assert np.abs(error[late]).max() < 0.003
     assert session.decoder.bad == 0 and session.boot_time.reboots == 0
+    came = session.received.total()
+    assert 0.17 < session.missing / (came + session.missing) < 0.23
+
+
+def test_a_packet_that_is_overtaken_is_not_missing(mapping):
+    session, vehicle = Session(mapping), Decoder()
+    vehicle.system = vehicle.component = 1
+    session.receive(heartbeat(), START)
+    packets = [vehicle.encode(dialect.MAVLink_attitude_message(k, 0, 0, 0, 0, 0, 0)) for k in range(600)]
+    lost = {100, 101, 102, 300}
+    order = [k for k in range(600) if k not in lost]
+    for k in (20, 250, 400):  # the numbers begin again after 255
+        at = order.index(k)
+        order[at : at + 4] = order[at : at + 4][::-1]
+    for k in order:
+        session.receive(packets[k], START + k)
+    assert session.missing == len(lost)
 
 
 def test_a_restart_of_the_autopilot_is_found_and_everything_asked_for_again(events, mapping):
