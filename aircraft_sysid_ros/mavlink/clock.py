@@ -86,7 +86,7 @@ class AutopilotClock:
         if arrival - remote < self._least[1] - self._least[0]:
             self._least = (remote, arrival)
         if arrival - self._second_began >= NANOSECONDS:
-            self._seconds += self._update(*self._least, _ONE_WAY_STD)
+            self._seconds += self._update(*self._least, _ONE_WAY_STD, may_wait=True)
             self._least = None
 
     def to_local(self, remote: int) -> int | None:
@@ -108,8 +108,8 @@ class AutopilotClock:
             guess -= at_guess - local
         return guess
 
-    def _update(self, remote: int, local: int, std: float) -> bool:
-        """One measurement of the offset; whether it was believed."""
+    def _update(self, remote: int, local: int, std: float, may_wait: bool = False) -> bool:
+        """One measurement of the offset; whether it was believed. One that ``may_wait`` is late for many a reason."""
         if self._base is None:
             self._base, self._at = (remote, local), remote
             self._p = np.diag([std**2, _DRIFT_STD**2])
@@ -118,7 +118,7 @@ class AutopilotClock:
         measured = ((local - self._base[1]) - (remote - self._base[0])) / NANOSECONDS
         innovation, variance = measured - self._x[0], self._p[0, 0] + std**2
         if abs(innovation) > _GATE * np.sqrt(variance):
-            self._rejected += 1
+            self._rejected += not (may_wait and innovation > 0.0)
             if self._rejected >= _MOST_REJECTED:
                 self.reset()
             return False

@@ -59,6 +59,22 @@ def test_without_answers_the_least_delay_is_taken():
     assert 0.002 < pair.error(clock, 60.0) < 0.012  # late by the least delay, which nobody can see
 
 
+def test_messages_that_wait_for_longer_than_answers_may_move_no_clock():
+    """A busy machine reads for half a minute what is two seconds old: nothing says that the clock has leapt."""
+    pair, clock = Pair(), AutopilotClock()
+    for k in range(20):
+        pair.exchange(clock, float(k), 0.003, 0.003)
+    for k in range(1500):
+        t = 20.0 + 0.02 * k
+        clock.add_one_way(pair.remote(t), pair.local(t + 2.0 + pair.rng.exponential(0.02)))
+    assert clock.ready and clock.resets == 0 and abs(pair.error(clock, 50.0)) < 5e-3
+    pair.offset += 5.0  # what is earlier than ever is no delay
+    for k in range(500):
+        t = 50.0 + 0.02 * k
+        clock.add_one_way(pair.remote(t), pair.local(t + 0.01))
+    assert clock.resets == 1 and abs(pair.error(clock, 60.0)) < 0.02
+
+
 def test_nothing_is_stamped_before_the_clock_is_known():
     pair, clock = Pair(), AutopilotClock()
     assert clock.to_local(pair.remote(0.0)) is None and clock.to_remote(NOW) is None
