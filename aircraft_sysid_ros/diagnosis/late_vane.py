@@ -17,9 +17,11 @@ import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.sensor_settings import described
 from aircraft_sysid_ros.diagnosis.finding import share_of_first
+from aircraft_sysid_ros.diagnosis.flight.flight_data import FlightData
 from aircraft_sysid_ros.diagnosis.search.evaluator import CandidateEvaluator, Score
 from aircraft_sysid_ros.diagnosis.search.fit import AxisFit
 from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS
+from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.identification.undescribed_sensors import LAG
 
 Array = npt.NDArray[np.float64]
@@ -43,18 +45,30 @@ def delay_that_explains(bench: CandidateEvaluator, trial: Score, first: float) -
     slope = _slope(fit, angle)
     if {sensor, "air_data"} & said or angle in data.inferred or slope is None:
         return np.nan
-    length = data.aircraft.chord if angle == "alpha" else 0.5 * data.aircraft.span
-    rate = data.signal(f"{angle}_dot") * data.signal("V") / length
+    rate = _rate(data, angle)
     late = (slope * rate)[:, None]
-    own = fit.gain(late)
-    delay = float(own.parameters[0])
-    if not abs(delay) <= _MOST * LAG or own.nrmse_after >= own.nrmse_before:
+    try:
+        own = fit.gain(late)
+        delay = float(own.parameters[0])
+        if not abs(delay) <= _MOST * LAG or own.nrmse_after >= own.nrmse_before:
+            return np.nan
+        beside = fit.extended(late, [f"{axis}_late"]).gain(data.columns(data.parsed(trial.candidate.terms[axis])))
+    except InputError:  # the angle moves nowhere where the coefficient is known
         return np.nan
-    beside = fit.extended(late, [f"{axis}_late"]).gain(data.columns(data.parsed(trial.candidate.terms[axis])))
     if share_of_first(beside, beside.nrmse_before, first) >= THRESHOLDS.size:
         return np.nan
     others = (other for other in axes if other != axis and other in bench.fits)
     return np.nan if any(_speaks_against(bench.fits[other], angle, delay * rate) for other in others) else delay
+
+
+def _rate(data: FlightData, angle: str) -> Array:
+    """Rate of an angle (n,) [rad/s] by the motion, or by differences where that needs a sideslip nobody knows."""
+    length = data.aircraft.chord if angle == "alpha" else 0.5 * data.aircraft.span
+    rate = data.signal(f"{angle}_dot") * data.signal("V") / length
+    value, slope = data.signal(angle), np.full(len(rate), np.nan)
+    span = data.time[2:] - data.time[:-2]
+    slope[1:-1] = np.where(span < 2.5 * data.step, (value[2:] - value[:-2]) / span, np.nan)
+    return np.where(np.isfinite(rate), rate, slope)
 
 
 def _slope(fit: AxisFit, angle: str) -> Array | None:
@@ -72,6 +86,9 @@ def _speaks_against(fit: AxisFit, angle: str, moved: Array) -> bool:
     slope = _slope(fit, angle)
     if slope is None:
         return False
-    corrected = AxisFit(fit.flight, fit.axis, fit.columns, fit.names, fit.measured - slope * moved)
+    try:
+        corrected = AxisFit(fit.flight, fit.axis, fit.columns, fit.names, fit.measured - slope * moved)
+    except InputError:
+        return False
     before, after = fit.nrmse_held_out * fit.spread, corrected.nrmse_held_out * corrected.spread
     return bool(after > (1.0 + THRESHOLDS.worse) * before)

@@ -33,6 +33,7 @@ from aircraft_sysid_ros.diagnosis.significance.maximum_statistic import Null
 from aircraft_sysid_ros.diagnosis.significance.parametric_bootstrap import Replica
 from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS
 from aircraft_sysid_ros.effects.effect import Effect
+from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.processes import in_parallel
 
 Array = npt.NDArray[np.float64]
@@ -181,8 +182,11 @@ class SearchRound:
         columns, names = unsaid_columns(data, axis)
         if not names:
             return False
-        fit = self.bench.fits[axis].extended(columns, names)
-        gain = fit.gain(data.columns(data.parsed(trial.candidate.terms[axis])))
+        try:
+            fit = self.bench.fits[axis].extended(columns, names)
+            gain = fit.gain(data.columns(data.parsed(trial.candidate.terms[axis])))
+        except InputError:  # what places make is nowhere known where the coefficient is
+            return False
         return share_of_first(gain, fit.nrmse_held_out, self.first[axis]) < THRESHOLDS.size
 
     def _rivals(self, best: Finding | None, first: bool) -> Iterator[Score]:

@@ -11,6 +11,7 @@ from aircraft_sysid_ros.aircraft.configuration import aircraft_from_dict
 from aircraft_sysid_ros.diagnosis.finding import Finding
 from aircraft_sysid_ros.diagnosis.flight.reconstruction import reconstruct, settled_flight
 from aircraft_sysid_ros.diagnosis.late_vane import delay_that_explains
+from aircraft_sysid_ros.diagnosis.search.candidates import Candidate
 from aircraft_sysid_ros.diagnosis.search.evaluator import CandidateEvaluator, expressions
 from aircraft_sysid_ros.effects import BY_ID
 from aircraft_sysid_ros.samples import Kind
@@ -87,3 +88,17 @@ def test_numbers_at_their_limits_are_those_of_something_else(bench):
         there = replace(trial, candidate=replace(trial.candidate, inner=inner))
         edges = Finding(there, bench.data, 9.0, 9.0, 0.0, 0.5, 9.0)._at_edges
         assert ("width" in edges and "lag" in edges) == bool(words)
+
+
+def test_beside_a_sideslip_that_nothing_shows_the_rate_is_that_of_the_vane(bench):
+    """The motion gives no rate of the angle of attack then: the search of the whole library had ended there."""
+    names = bench.data.model.signal_names
+    signals = bench.data.signals.copy()
+    signals[:, [names.index(name) for name in ("beta", "alpha_dot", "beta_dot")]] = np.nan
+    blind = CandidateEvaluator(bench.data.with_signals(signals))
+    trial = blind.trial(Candidate(None, "", (), {"Cm": ("lag(alpha, 0.1)",)}))
+    late = delay_that_explains(blind, trial, blind.fits["Cm"].nrmse_held_out)
+    assert 0.5 * LATE < late < 1.4 * LATE
+    signals[:, names.index("alpha")] = np.where(np.arange(len(signals)) % 2, np.nan, signals[:, names.index("alpha")])
+    apart = CandidateEvaluator(bench.data.with_signals(signals))
+    assert np.isnan(delay_that_explains(apart, apart.trial(Candidate(None, "", (), {"Cm": ("V",)})), 1.0))
