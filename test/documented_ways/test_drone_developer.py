@@ -39,7 +39,7 @@ WAY = {
 }
 AIRCRAFT = "config/ultra_stick_25e.yaml"
 ENOUGH = 10  # parameters that may be used
-LONGEST = 300  # [s] of flight at the most: it goes by the clock, and a busy machine is behind
+LONGEST = 900  # [s] of flight at the most: it goes by the clock, and a busy machine is behind
 
 
 def test_from_an_autopilot_to_a_controller(user, bench):
@@ -84,7 +84,7 @@ def told_in_flight(user, bench):
 
         more = ["--duration", LONGEST, "--connect", f"udpout:127.0.0.1:{port}"]
         with user.start("mavlink_simulator", *more) as simulator:
-            bench.spin_until(is_told_enough, PATIENCE)
+            bench.spin_until(is_told_enough, LONGEST + PATIENCE)
             bench.spin_until(lambda: "published.gps/fix" in newest(diagnostics, "mavlink_bridge"))
             run, passed_on = (json.loads(running.interrupt()) for running in (live, bridge))
         control_loop.interrupt()
