@@ -6,14 +6,17 @@ the air data, whose errors are looked for, nor of the magnetometer, nor of an at
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
-from aircraft_sysid_ros.aircraft.configuration import Aircraft
+from aircraft_sysid_ros.aircraft.configuration import Aircraft, aircraft_from_dict
 from aircraft_sysid_ros.aircraft.frames import rotation_matrices
+from aircraft_sysid_ros.aircraft.sensor_settings import by_name
 from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.reconstruction.found_noise import FLIGHT, found_noise
 from aircraft_sysid_ros.reconstruction.ordering import NANOSECONDS
 from aircraft_sysid_ros.reconstruction.smoother_history import SmootherHistory
 from aircraft_sysid_ros.reconstruction.state import D_ATTITUDE, StateField
@@ -39,6 +42,8 @@ TOPIC_OF_KIND = {
 #: Step of the grid on which calibrations work [s]. Over a longer one attitude and flow change together within a bin,
 #: and the mean of a product is not the product of means.
 STEP = 0.04
+#: Their sensors in the aircraft file, whose stated noise is too small where the flight shows so many times as much.
+_SENSORS, _UNDERSTATED = ("accelerometer", "gyro", "gps_position", "gps_velocity"), 1.5
 #: A piece of the grid ends where a sensor is silent for longer [s].
 _LONGEST_SILENCE = 0.5
 
@@ -55,6 +60,7 @@ class Navigation:
     height: Array  # (n,) above the beginning [m]
     attitude_std: Array  # (n, 3) of a rotation in body axes [rad]
     origin: Array  # (3,) latitude, longitude [rad], altitude [m]
+    notes: tuple[str, ...] = ()  # on the noise of the sensors
 
     def __getitem__(self, keep: npt.NDArray[np.bool_]) -> Navigation:
         return self._with([column[keep] for column in self._columns])
@@ -65,7 +71,7 @@ class Navigation:
 
     def _with(self, columns: list[Array]) -> Navigation:
         time, velocity, rotation, rates, height, attitude_std = columns
-        return Navigation(self.epoch, time, velocity, rotation, rates, height, attitude_std, self.origin)
+        return Navigation(self.epoch, time, velocity, rotation, rates, height, attitude_std, self.origin, self.notes)
 
     def at(self, grid: Grid, time: Array) -> Navigation:
         """Means over the bins of a grid of what the navigation was at times (k,) of a sensor; rotations stay such."""
@@ -159,11 +165,17 @@ def series(samples: Samples, kind: Kind, epoch: int, width: int, delay: float = 
 
 
 def navigate(samples: Samples, aircraft: Aircraft) -> Navigation:
-    """Smoothed navigation from IMU and GPS; InputError where the filter cannot start on them."""
+    """Smoothed navigation from IMU and GPS; InputError where the filter cannot start on them.
+
+    With a noise that the aircraft file states too small it follows the wrong sensor, and is surer than it is: what the
+    flight shows counts then.
+    """
     require(samples, (Kind.IMU, Kind.GPS_POSITION, Kind.GPS_VELOCITY))
+    used = samples[np.isin(samples.kind, USED)]
+    understated = _understated(used, aircraft)
     with SmootherHistory() as tape:
-        estimator = StateEstimator(aircraft, tape=tape)
-        estimator.push(samples[np.isin(samples.kind, USED)])
+        estimator = StateEstimator(_with_noise(aircraft, understated), tape=tape)
+        estimator.push(used)
         estimator.flush()
         if estimator.epoch is None or not estimator.has_been_aligned:
             raise InputError(
@@ -182,6 +194,41 @@ def navigate(samples: Samples, aircraft: Aircraft) -> Navigation:
         down[0] - down,
         rows[:, StateField.STANDARD_DEVIATIONS][:, D_ATTITUDE : D_ATTITUDE + 3].copy(),
         rows[-1, StateField.ORIGIN].copy(),
+        tuple(_in_words(name, *both) for name, both in understated.items()),
+    )
+
+
+def _understated(samples: Samples, aircraft: Aircraft) -> dict[str, tuple[Array, Array]]:
+    """By sensor the noise that the aircraft file states and that of the flight, where this is clearly more."""
+    sensors = by_name(aircraft.source.get("sensors"))
+    stated = {name: aircraft.sensors[name].noise for name in _SENSORS if "noise" in sensors.get(name, {})}
+    if not stated:
+        return {}
+    for name in stated:
+        del sensors[name]["noise"]
+    estimator = StateEstimator(aircraft_from_dict({**aircraft.source, "sensors": sensors}))
+    estimator.push(samples)
+    estimator.flush()
+    shown = {each.name: each.in_use for each in found_noise(estimator) if each.source == FLIGHT}
+    found = {name: (np.array(stated[name]), shown[name]) for name in stated if name in shown}
+    return {name: both for name, both in found.items() if np.max(both[1] / both[0]) > _UNDERSTATED}
+
+
+def _with_noise(aircraft: Aircraft, understated: Mapping[str, tuple[Array, Array]]) -> Aircraft:
+    """The aircraft with the larger of what is stated and what the flight shows."""
+    if not understated:
+        return aircraft
+    sensors = by_name(aircraft.source.get("sensors"))
+    for name, both in understated.items():
+        sensors[name]["noise"] = np.maximum(*both).tolist()
+    return aircraft_from_dict({**aircraft.source, "sensors": sensors})
+
+
+def _in_words(name: str, stated: Array, shown: Array) -> str:
+    said, flown = (", ".join(f"{value:.2g}" for value in values) for values in (stated, shown))
+    return (
+        f"the aircraft file states {said} as noise of the sensor {name}, the flight shows {flown}: the calibration "
+        "counts with that"
     )
 
 

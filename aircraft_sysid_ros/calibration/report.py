@@ -314,6 +314,6 @@ def _report(
 ) -> Report:  # fmt: skip
     time = navigation.time - navigation.time[0]
     return Report(
-        title, answer, parameters, section, time, outputs, unit, before, after, segments, navigation, step, notes,
-        models or [],
+        title, answer, parameters, section, time, outputs, unit, before, after, segments, navigation, step,
+        [*notes, *navigation.notes], models or [],
     )  # fmt: skip

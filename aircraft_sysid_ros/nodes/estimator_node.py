@@ -66,8 +66,9 @@ COMMON: dict[str, NodeOption] = {
         when=When.ACTIVATED,
     ),
     "input_depth": NodeOption(
-        100,
-        "Samples that may wait per topic with best_effort: 10 lose some when the machine stalls, 100 lost none.",
+        1000,
+        "Samples that may wait per topic with best_effort: 100 are a second of an IMU, or less, and a busy machine may "
+        "stall for longer.",
         low=1,
         high=100000,
         fixed=_MADE,

@@ -16,7 +16,7 @@ from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.estimation.least_squares import central_differences
 from aircraft_sysid_ros.samples import Kind, Samples, samples_of
 from aircraft_sysid_ros.sensors.five_hole_probe import ProbeCalibration
-from aircraft_sysid_ros.sensors.sensor_models import SensorOptions
+from aircraft_sysid_ros.sensors.sensor_models import EPOCH, SensorOptions
 from aircraft_sysid_ros.simulation.calibration_flight import calibration_flight
 from aircraft_sysid_ros.simulation.simulated_flight import simulate_samples
 
@@ -164,3 +164,24 @@ def test_segments_need_flight():
                        np.zeros(n), np.zeros((n, 3)), np.zeros(3))  # fmt: skip
     with pytest.raises(InputError, match="a calibration needs 30 s"):
         find_segments(still, np.ones(n, dtype=bool), 0.04)
+
+
+def test_a_noise_that_is_stated_too_small_is_found_and_counted_with():
+    """With it the navigation lost its way, 4 deg in pitch where it said 1, and standard errors were a third."""
+    flight = calibration_flight(11, 150.0, sensors=SensorOptions(noise_scale=3.0))
+    made = probe.probe_flight(flight.samples, flight.aircraft)
+    named = ("accelerometer", "gyro", "gps_position", "gps_velocity")
+    assert all(
+        f"sensor {name}, the flight shows" in note for name, note in zip(named, made.navigation.notes, strict=True)
+    )
+    at = np.searchsorted(flight.truth.time, made.navigation.time + made.navigation.epoch * 1e-9 - EPOCH * 1e-9)
+    rows = zip(flight.truth.quaternion[at[::25]], made.navigation.rotation[::25], strict=True)
+    turned = np.array([rotation_matrix(true).T @ found for true, found in rows])
+    errors = np.stack([turned[:, 2, 1], turned[:, 0, 2], turned[:, 1, 0]], axis=1)
+    ratio = np.sqrt(np.mean(errors**2, axis=0)) / np.sqrt(np.mean(made.navigation.attitude_std**2, axis=0))
+    assert np.all(ratio < 2.0) and np.any(ratio > 0.4)
+
+
+def test_a_noise_that_is_stated_right_is_left_as_it_is():
+    flight = calibration_flight(12, 60.0)
+    assert probe.probe_flight(flight.samples, flight.aircraft).navigation.notes == ()
