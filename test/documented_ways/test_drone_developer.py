@@ -7,6 +7,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+import yaml
 
 pytest.importorskip("rclpy")
 pytest.importorskip("aircraft_sysid_msgs.msg")
@@ -37,7 +38,7 @@ WAY = {
         "python examples/adaptive_controller/fly.py --case elevator --parameters live",
     ),
 }
-AIRCRAFT = "config/ultra_stick_25e.yaml"
+AIRCRAFT, CALIBRATION = "config/ultra_stick_25e.yaml", "config/mavlink_simulator_servos.yaml"
 ENOUGH = 10  # parameters that may be used
 LONGEST = 900  # [s] of flight at the most: it goes by the clock, and a busy machine is behind
 
@@ -66,8 +67,9 @@ def told_in_flight(user, bench):
         port = probe.getsockname()[1]
     loop = [sys.executable, str(Path(__file__).with_name("control_loop.py")), AIRCRAFT]
     diagnostics, fixes = bench.listen(DiagnosticArray, "/diagnostics"), bench.listen(NavSatFix, "gps/fix")
+    instead = {"udp:0.0.0.0:14550": f"udp:127.0.0.1:{port}", CALIBRATION: slower(user.folder)}
     with (
-        user.start("bridge", "--json", **{"udp:0.0.0.0:14550": f"udp:127.0.0.1:{port}"}) as bridge,
+        user.start("bridge", "--json", **instead) as bridge,
         user.start("live", "--json") as live,
         user.open_terminal("loop", loop) as control_loop,
     ):
@@ -102,6 +104,17 @@ def what_was_said(told, diagnostics, *processes):
         values = {item.key: item.value for item in s.values}
         said.append(f"{s.name}: {s.message} {values}")
     return "\n".join(said + [running.errors for running in processes])
+
+
+def slower(folder):
+    """The calibration of the page with half of the rates: other tests fly beside this one on the same cores."""
+    content = yaml.safe_load((folder / CALIBRATION).read_text(encoding="utf8"))
+    content["rates"] |= dict.fromkeys(["HIGHRES_IMU", "SERVO_OUTPUT_RAW"], 50)
+    content["rates"] |= dict.fromkeys(["VFR_HUD", "AOA_SSA", "GLOBAL_POSITION_INT", "NAMED_VALUE_FLOAT"], 25)
+    content["rates"] |= dict.fromkeys(["RPM", "SCALED_PRESSURE", "ATTITUDE_QUATERNION", "GPS_RAW_INT"], 5)
+    path = folder / "slower.yaml"
+    path.write_text(yaml.safe_dump(content), encoding="utf8")
+    return path
 
 
 def newest(diagnostics, name):
