@@ -66,9 +66,9 @@ COMMON: dict[str, NodeOption] = {
         when=When.ACTIVATED,
     ),
     "input_depth": NodeOption(
-        1000,
-        "Samples that may wait per topic with best_effort: 100 are a second of an IMU, or less, and a busy machine may "
-        "stall for longer.",
+        100,
+        "Samples that may wait per topic with best_effort: 100 are a second of an IMU at 100 Hz; give a faster one, or a "
+        "link that comes in bursts, 1000.",
         low=1,
         high=100000,
         fixed=_MADE,
