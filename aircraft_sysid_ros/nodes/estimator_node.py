@@ -67,8 +67,8 @@ COMMON: dict[str, NodeOption] = {
     ),
     "input_depth": NodeOption(
         100,
-        "Samples that may wait per topic with best_effort: 100 are a second of an IMU at 100 Hz; give a faster one, or a "
-        "link that comes in bursts, 1000.",
+        "Samples that may wait per topic with best_effort: 100 are a second of an IMU at 100 Hz; give a faster one, or "
+        "a link that comes in bursts, 1000.",
         low=1,
         high=100000,
         fixed=_MADE,
