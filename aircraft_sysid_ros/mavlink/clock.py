@@ -59,6 +59,11 @@ class AutopilotClock:
         return self._round_trips >= _ENOUGH or self._seconds >= _ENOUGH_ONE_WAY
 
     @property
+    def is_answered(self) -> bool:
+        """Whether round trips have told the offset, and not messages alone."""
+        return self._round_trips > 0
+
+    @property
     def drift(self) -> float:
         """How much faster our clock runs than the remote one [s/s]."""
         return float(self._x[1])

@@ -173,7 +173,12 @@ class Session:
         return vehicle is not None and source == (vehicle.system, vehicle.component)
 
     def _return(self, now: int) -> None:
-        """The vehicle speaks again: whatever it was asked for may be forgotten."""
+        """The vehicle speaks again: whatever it was asked for may be forgotten, and its clock may be another.
+
+        Answers tell that soon. Messages alone do not, if it has started anew and is up for longer than it was.
+        """
+        if not self.clock.is_answered:
+            self.clock.reset()
         self._silent, self._other, self._number = False, "", None
         self.notes.append("the vehicle is back")
         self.requests.start(now)

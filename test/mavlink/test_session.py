@@ -250,6 +250,23 @@ def test_a_vehicle_that_falls_silent_is_said_to_be_and_asked_again_when_it_is_ba
     assert "COMMAND_LONG" in [m.get_type() for m in sent(session, START + 20 * SECOND)]
 
 
+def test_a_restart_in_a_long_silence_is_followed_where_nothing_is_answered(mapping):
+    """It is up for longer than before, so that no time goes back; without answers only the silence says it."""
+    session, vehicle = Session(mapping), Decoder()
+    vehicle.system = vehicle.component = 1
+    stamps = []
+    for begin, up in ((0, 10), (80, 60)):  # [s] when it is heard, and since when it is up
+        session.receive(heartbeat(), START + begin * SECOND)
+        for k in range(400):
+            now = START + begin * SECOND + k * SECOND // 20
+            boot = 1000 * up + 50 * k
+            message = dialect.MAVLink_attitude_quaternion_message(boot, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+            outputs = session.receive(vehicle.encode(message), now)
+            stamps += [(int(o.stamp[0]) - now) / SECOND for o in outputs if o.topic == "autopilot/attitude"]
+        session.tick(START + (begin + 40) * SECOND)
+    assert len(stamps) > 600 and np.abs(stamps).max() < 0.02 and session.losses >= 1
+
+
 @pytest.mark.parametrize("sort", ["noise", "nearly"])
 def test_garbage_does_no_harm_and_takes_no_memory(events, mapping, sort):
     """400 kB, a minute of a radio at 57600 baud that hears another transmitter: noise, and broken packets."""
