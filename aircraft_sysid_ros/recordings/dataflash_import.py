@@ -8,7 +8,7 @@ import os
 import re
 import string
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -54,14 +54,16 @@ def import_dataflash(path: Path, mapping: ServoMapping | None = None) -> Importe
 
 def read_dataflash(path: Path) -> LogContent:
     """All messages that the table has, stamped in Unix time where a GPS knew it."""
+    try:
+        from pymavlink.DFReader import DFReader_binary
+    except ImportError:
+        raise MissingExtra("DataFlash logs", "pymavlink", "logs") from None
     with path.open("rb") as file:
         if file.read(2) != _MAGIC:
             raise InputError("it is not a DataFlash log: it does not begin with A3 95")
     try:
         with _without_complaints() as complaints:
-            reader, damaged = _opened(path)
-    except MissingExtra:
-        raise
+            reader, damaged = _opened(path, DFReader_binary)
     except Exception as error:  # pymavlink lets struct.error, KeyError and its own through
         raise InputError(f"it is not a readable DataFlash log ({error})") from None
     content = np.frombuffer(reader.data_map, np.uint8)
@@ -98,20 +100,16 @@ def read_dataflash(path: Path) -> LogContent:
     return LogContent("DataFlash (ArduPilot)", batches, found, [*notes, NO_CHECKSUMS], flown)
 
 
-def _opened(path: Path) -> tuple[Any, list[str]]:
+def _opened(path: Path, open_log: Callable[[str], Any]) -> tuple[Any, list[str]]:
     """The reader of a log, and the messages whose format nobody can read."""
     try:
-        from pymavlink.DFReader import DFReader_binary
-    except ImportError:
-        raise MissingExtra("DataFlash logs", "pymavlink", "logs") from None
-    try:
-        return DFReader_binary(str(path)), []
+        return open_log(str(path)), []
     except Exception:
         with tempfile.TemporaryDirectory() as folder:
             copy = Path(folder) / path.name
             if not (damaged := _with_readable_formats(path, copy)):
                 raise
-            return DFReader_binary(str(copy)), damaged  # which keeps the copy until it is closed
+            return open_log(str(copy)), damaged  # which keeps the copy until it is closed
 
 
 def _with_readable_formats(path: Path, copy: Path) -> list[str]:
