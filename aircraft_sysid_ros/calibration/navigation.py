@@ -16,7 +16,7 @@ from aircraft_sysid_ros.aircraft.configuration import Aircraft, aircraft_from_di
 from aircraft_sysid_ros.aircraft.frames import rotation_matrices
 from aircraft_sysid_ros.aircraft.sensor_settings import by_name
 from aircraft_sysid_ros.errors import InputError
-from aircraft_sysid_ros.reconstruction.found_noise import FLIGHT, found_noise
+from aircraft_sysid_ros.reconstruction.found_noise import FLIGHT, found_noise, stated_and_shown
 from aircraft_sysid_ros.reconstruction.ordering import NANOSECONDS
 from aircraft_sysid_ros.reconstruction.smoother_history import SmootherHistory
 from aircraft_sysid_ros.reconstruction.state import D_ATTITUDE, StateField
@@ -194,7 +194,9 @@ def navigate(samples: Samples, aircraft: Aircraft) -> Navigation:
         down[0] - down,
         rows[:, StateField.STANDARD_DEVIATIONS][:, D_ATTITUDE : D_ATTITUDE + 3].copy(),
         rows[-1, StateField.ORIGIN].copy(),
-        tuple(_in_words(name, *both) for name, both in understated.items()),
+        tuple(
+            f"{stated_and_shown(name, *both)}: the calibration counts with that" for name, both in understated.items()
+        ),
     )
 
 
@@ -222,14 +224,6 @@ def _with_noise(aircraft: Aircraft, understated: Mapping[str, tuple[Array, Array
     for name, both in understated.items():
         sensors[name]["noise"] = np.maximum(*both).tolist()
     return aircraft_from_dict({**aircraft.source, "sensors": sensors})
-
-
-def _in_words(name: str, stated: Array, shown: Array) -> str:
-    said, flown = (", ".join(f"{value:.2g}" for value in values) for values in (stated, shown))
-    return (
-        f"the aircraft file states {said} as noise of the sensor {name}, the flight shows {flown}: the calibration "
-        "counts with that"
-    )
 
 
 def in_span(samples: Samples, navigation: Navigation, span: tuple[float, float] | None) -> npt.NDArray[np.bool_]:

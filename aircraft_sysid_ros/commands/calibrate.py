@@ -7,8 +7,6 @@ take with --calibration, result.json and pictures. docs/calibration.md says what
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
@@ -17,7 +15,7 @@ from aircraft_sysid_ros.after_flight.calibrate import SECTIONS, CalibrationOptio
 from aircraft_sysid_ros.calibration.five_hole_probe import SENSITIVITY
 from aircraft_sysid_ros.calibration.procedure import SAMPLES
 from aircraft_sysid_ros.commands.notes import note_lines
-from aircraft_sysid_ros.commands.progress import now_and_then, progress_bar
+from aircraft_sysid_ros.commands.progress import counting
 from aircraft_sysid_ros.config_files import DEFAULT_AIRCRAFT
 from aircraft_sysid_ros.report.calibration_figures import draw_calibration
 
@@ -61,20 +59,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         args.what, str(args.bag), args.aircraft, args.out, args.overwrite, args.begin, args.end, args.calibration,
         args.samples, args.seed, tuple(args.sensitivity), args.curve, args.wind, args.field_strength,
     )  # fmt: skip
-    with _progress(args.what) as progress:
-        return calibrate(options, draw_calibration, progress)
-
-
-@contextmanager
-def _progress(what: str) -> Iterator[Callable[[str, int, int], None]]:
-    with progress_bar() as bar:
-        task, say = bar.add_task(f"{what}: navigation", total=None), now_and_then(bar)
-
-        def tell(stage: str, done: int, of: int) -> None:
-            bar.update(task, description=f"{what}: {stage}", completed=done, total=of or None)
-            say(f"{what}: {stage}, {done}" + (f" of {of}" if of else ""))
-
-        yield tell
+    with counting(f"{args.what}: navigation") as tell:
+        return calibrate(options, draw_calibration, lambda stage, done, of: tell(f"{args.what}: {stage}", done, of))
 
 
 def render(result: dict[str, Any]) -> str:

@@ -12,7 +12,7 @@ from typing import Any
 
 from aircraft_sysid_ros.after_flight.diagnose import FEWEST, MOST
 from aircraft_sysid_ros.commands.notes import note_lines
-from aircraft_sysid_ros.commands.progress import now_and_then, progress_bar
+from aircraft_sysid_ros.commands.progress import counting
 from aircraft_sysid_ros.diagnosis.significance.parametric_bootstrap import COUNT
 from aircraft_sysid_ros.errors import IncompleteError, InputError
 from aircraft_sysid_ros.fleet.fleet import Asked, Fleet, fly_fleet
@@ -63,15 +63,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         scheduler=args.scheduler,
         workers=args.workers,
     )
-    with progress_bar() as progress:
-        task, say = progress.add_task("look for flights", total=None), now_and_then(progress)
-
-        def tell(what: str, count: int, total: int) -> None:
-            progress.update(task, description=what, completed=count, total=total)
-            say(f"{what}: {count} of {total}")
-
-        with _ended_as_by_ctrl_c():
-            fleet = fly_fleet(asked, tell, _say)
+    with counting("look for flights") as tell, _ended_as_by_ctrl_c():
+        fleet = fly_fleet(asked, tell, _say)
     result = fleet.json
     if not fleet.ok:
         raise IncompleteError(f"none of {len(fleet.flown)} flights could be used, {_first_reason(fleet)}", result)

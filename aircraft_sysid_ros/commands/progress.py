@@ -32,7 +32,7 @@ def telling(what: str = "") -> Iterator[Tell]:
     """A bar that hears what is being done and its share; where there is no terminal, a line now and then."""
     with progress_bar() as progress:
         task = progress.add_task(what, total=1.0)
-        say = now_and_then(progress)
+        say = _now_and_then(progress)
 
         def tell(now: str, share: float) -> None:
             progress.update(task, description=now or what, completed=share)
@@ -41,7 +41,20 @@ def telling(what: str = "") -> Iterator[Tell]:
         yield tell
 
 
-def now_and_then(progress: Progress) -> Callable[[str], None]:
+@contextmanager
+def counting(what: str) -> Iterator[Callable[[str, int, int], None]]:
+    """The same for what is counted: what is being done, how much of it is, and of how much, 0 where nobody knows."""
+    with progress_bar() as progress:
+        task, say = progress.add_task(what, total=None), _now_and_then(progress)
+
+        def tell(now: str, done: int, of: int) -> None:
+            progress.update(task, description=now, completed=done, total=of or None)
+            say(f"{now}: {done} of {of}" if of else now)
+
+        yield tell
+
+
+def _now_and_then(progress: Progress) -> Callable[[str], None]:
     """What says how far long work has come where its bar is not shown, as in the log of a batch system."""
     said = time.monotonic()
 

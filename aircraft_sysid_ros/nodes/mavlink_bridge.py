@@ -79,7 +79,6 @@ class MavlinkBridgeNode(ConfigurableNode):
         self._topics: BridgeTopics | None = None
         self._heard: dict[str, Any] = {}
         self._unknown: list[str] = []  # parameters that are to go back and that the model does not have
-        self._seen = (0, 0)  # packets that came and that are missing, at the last look
         self._waits_since: float | None = None  # [s] for the first message of parameters; None: it does not
 
     @property
@@ -102,7 +101,7 @@ class MavlinkBridgeNode(ConfigurableNode):
         except InputError as error:
             self.failure = error  # for who started the node in this process
             raise
-        self._seen = (0, 0)
+        self._seen = (0, 0)  # packets that came and that are missing, at the last look
         self.bridge = Bridge(transport, session, back, lambda: self.get_clock().now().nanoseconds)
         self._topics = BridgeTopics(self, values["topics"], mapping)
         self._diagnostics = self.create_lifecycle_publisher(DiagnosticArray, "/diagnostics", 10)
@@ -254,9 +253,8 @@ class MavlinkBridgeNode(ConfigurableNode):
         times = common.process_times()
         share = common.cpu_share(self._process_times, times)
         self._process_times = times
-        problem = "the link failed" if self.failure else session.condition
-        lost = self._lost_in_words(session)
-        problem = "; ".join(part for part in (problem, lost) if part)
+        problems = ("the link failed" if self.failure else session.condition, self._lost_in_words(session))
+        problem = "; ".join(part for part in problems if part)
         level = DiagnosticStatus.WARN[0] if problem else DiagnosticStatus.OK[0]
         foreign = self.bridge.transport.foreign
         values = {"cpu_share": f"{share:.3f}", "sent_back": self.bridge.back.sent, "foreign": foreign}

@@ -144,11 +144,14 @@ def noise_notes(state: StateEstimator) -> list[str]:
             and each.shown is not None
             and np.max(each.shown / each.in_use) > _CONTRADICTED
         ):
-            found.append(
-                f"the aircraft file states {_text(each.in_use)} as noise of the sensor {each.name}, the flight shows "
-                f"{_text(each.shown)}: what is stated is used; leave it out to have it found"
-            )
+            said = stated_and_shown(each.name, each.in_use, each.shown)
+            found.append(f"{said}: what is stated is used; leave it out to have it found")
     return found
+
+
+def stated_and_shown(name: str, stated: Array, shown: Array) -> str:
+    """The noise of a sensor that the aircraft file states, and that of the flight, in words."""
+    return f"the aircraft file states {_text(stated)} as noise of the sensor {name}, the flight shows {_text(shown)}"
 
 
 def completed_file(

@@ -118,8 +118,8 @@ def _with_readable_formats(path: Path, copy: Path) -> list[str]:
     One of them is enough that pymavlink reads nothing, and without them it loses its way. Returns the messages that
     they are of. A name or columns that can be read tell a format from other bytes.
     """
-    content, damaged = np.fromfile(path, np.uint8), []
-    for match in re.finditer(_FORMAT, path.read_bytes()):
+    content, damaged = bytearray(path.read_bytes()), []
+    for match in _FORMAT.finditer(content):
         name, letters, columns = (part.rstrip(b"\0") for part in match.groups()[1:])
         is_right = all(letter in _LETTERS for letter in letters.decode("latin1"))
         if not is_right and (re.fullmatch(rb"[A-Z0-9]+", name) or re.fullmatch(rb"[ -~]+", columns)):
@@ -127,8 +127,8 @@ def _with_readable_formats(path: Path, copy: Path) -> list[str]:
             meaningless = _letters_of(match[1][0] - _HEADER)
             names = ",".join(string.ascii_lowercase[: len(meaningless)])
             for at, text, width in ((3, meaningless, 16), (4, names, 64)):
-                content[match.start(at) : match.end(at)] = np.frombuffer(text.encode().ljust(width, b"\0"), np.uint8)
-    content.tofile(copy)
+                content[match.start(at) : match.end(at)] = text.encode().ljust(width, b"\0")
+    copy.write_bytes(content)
     return damaged
 
 
