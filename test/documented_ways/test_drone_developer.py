@@ -51,7 +51,8 @@ def test_from_an_autopilot_to_a_controller(user, bench):
     }
     for values in told:
         assert values.keys() == truth.keys()
-        assert all(abs(value - truth[name]) < 5.0 * std for name, (value, std, _) in values.items()), values
+        errors = {name: (value - truth[name], std, origin) for name, (value, std, origin) in values.items()}
+        assert not {name: each for name, each in errors.items() if not abs(each[0]) < 5.0 * each[1]}
     same_as_written(told[-1], user.folder / "runs" / "today", truth)
     controlled(user)
 
@@ -92,7 +93,7 @@ def told_in_flight(user, bench):
         control_loop.interrupt()
     check_diagnosed(newest(diagnostics, "state_estimator"), fixes)
     check_passed_on(passed_on)
-    assert run["states"][0] == run["states"][1] > 500
+    assert run["states"][0] == run["states"][1] > 200
     return told()
 
 
@@ -146,8 +147,10 @@ def same_as_written(values, run, truth):
         value, std, _ = values[name]
         assert abs(value - written[name]["value"]) < 3.0 * std, name
     used = [p for p in written.values() if p["status"] == "USE"]
-    held = [p for p in written.values() if "had to begin anew" in p["reason"]]
-    assert len(used) >= ENOUGH / 2 or len(held) > ENOUGH  # what a busy machine has lost at the end may take it from all
+    # a machine that was too busy at the end has lost sensors: what was known goes on, held
+    held = [p for p in written.values() if "the values are those from before it" in p["reason"]]
+    reasons = {name: (p["status"], p["reason"]) for name, p in written.items()}
+    assert len(used) >= ENOUGH / 2 or len(held) >= ENOUGH / 2, reasons
     assert all(abs(p["value"] - truth[p["name"]]) < 5.0 * p["std"] for p in used), used
     assert json.loads((run / "state.json").read_text(encoding="utf8"))["duration"] > 10.0
     assert (run / "estimates.mcap").stat().st_size > 0
