@@ -73,13 +73,16 @@ def render(result: dict[str, Any]) -> str:
         numbers = (percent(errors[key]) for key in ("error_before", "error_after", "noise_floor"))
         lines.append(f"{name:<6}" + "".join(f"{number:>8}" for number in numbers))
     lines.append("")
-    for p in result["parameters"]:
-        known = p["value"] is not None and p["std"] is not None
-        value = f"= {p['value']:.4g} ± {p['std']:.2g}" if known else f"is not known: {p['reason']}"
-        lines.append(f"{p['name']} {value}")
+    lines += [_of_parameter(**p) for p in result["parameters"]]
     lines += [_of_setting(**setting, gone="removed" in result) for setting in result["settings"]]
     lines += [result["verdict"], f"aircraft file {result['aircraft']}", *picture_lines(result)]
     return "\n".join(lines)
+
+
+def _of_parameter(name: str, value: float | None, std: float | None, status: str, reason: str, **_more: Any) -> str:
+    if value is None or std is None:
+        return f"{name} is not known: {reason}"
+    return f"{name} = {value:.4g} ± {std:.2g}" + f", {status}: {reason}" * (status != "USE")
 
 
 def _of_setting(key: str, value: float, gone: bool) -> str:

@@ -24,6 +24,7 @@ from aircraft_sysid_ros.fleet.flight_task import (
     program_place,
 )
 from aircraft_sysid_ros.fleet.flights import Files, Flight, flights_of
+from aircraft_sysid_ros.fleet.folder import is_fleet
 from aircraft_sysid_ros.fleet.page import require_jinja2, write_page
 from aircraft_sysid_ros.fleet.priors import write_priors
 from aircraft_sysid_ros.fleet.results import RUNS, Results
@@ -161,12 +162,20 @@ def fly_fleet(asked: Asked, tell: Callable[[str, int, int], None], say: Callable
             answers |= _flown(new, asked, results, unkept, tell, say)
         flown = in_order([Flown(flight, answers[flight.name]) for flight in flights])
         tables = tables_of(flown)
-        between = between_flights(tables, flown)
-        write_tables(asked.out, {**tables, "changes": between.changes, "airframes": between.airframes})
-        write_priors(asked.out, between.priors)
-        fleet = Fleet(asked.out, flown, between, len(new), unkept)
-        write_page(asked.out / "fleet.html", fleet.flown, between)
+        fleet = Fleet(asked.out, flown, between_flights(tables, flown), len(new), unkept)
+        if fleet.ok or not is_fleet(asked.out):
+            _write(fleet, tables)
+        else:
+            unkept.append(f"{asked.out} is left as it was: what its flights said before is worth more than nothing")
     return fleet
+
+
+def _write(fleet: Fleet, tables: Mapping[str, Any]) -> None:
+    """Tables, priors and page."""
+    between = fleet.between
+    write_tables(fleet.out, {**tables, "changes": between.changes, "airframes": between.airframes})
+    write_priors(fleet.out, between.priors)
+    write_page(fleet.out / "fleet.html", fleet.flown, between)
 
 
 def _jobs(

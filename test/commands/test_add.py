@@ -82,3 +82,5 @@ def test_a_term_of_which_nothing_is_known_is_told_with_its_reason():
         "aircraft": "a.yaml", "figure": None, "notes": [],
     }  # fmt: skip
     assert "CZ_flaps is not known: not enough motion yet" in render(result)
+    parameter |= {"value": -16.0, "std": 2e4, "reason": "its standard error is 125000 % of its value"}
+    assert "CZ_flaps = -16 ± 2e+04, HOLD: its standard error is 125000 % of its value" in render(result)

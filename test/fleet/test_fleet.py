@@ -125,6 +125,21 @@ def test_what_changes_is_found_and_shown(place, flown):
     json.dumps(fleet.json)
 
 
+def test_a_fleet_of_which_no_flight_is_usable_leaves_what_was_known(place, flown, monkeypatch, capsys):
+    """A wrong aircraft file took tables, page and the prior that a controller was given."""
+    out = fly(place)[1]
+    names = ("fleet.html", "prior.json", *(f"{name}.parquet" for name in COLUMNS))
+    before = {name: (out / name).read_bytes() for name in names}
+    (place / "aircraft.yaml").write_text("name: wrong")
+    monkeypatch.setitem(globals(), "answer", lambda recording: {"ok": False, "reason": "the mass is negative"})
+    asked = ["fleet", str(place / "flights"), "--aircraft", str(place / "aircraft.yaml"), "--out", str(out)]
+    assert main(asked) == 1
+    said = capsys.readouterr()
+    assert "none of 20 flights could be used, such as A/0: the mass is negative" in said.err
+    assert f"{out} is left as it was" in said.out + said.err
+    assert {name: (out / name).read_bytes() for name in names} == before
+
+
 @pytest.mark.parametrize("begin", [BEGIN, 0])
 def test_flights_with_one_start_or_none_are_in_the_order_of_the_numbers_in_their_names(
     place, flown, monkeypatch, begin
