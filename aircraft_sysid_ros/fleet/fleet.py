@@ -6,7 +6,7 @@ import itertools
 import shlex
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -24,11 +24,11 @@ from aircraft_sysid_ros.fleet.flight_task import (
     program_place,
 )
 from aircraft_sysid_ros.fleet.flights import Files, Flight, flights_of
-from aircraft_sysid_ros.fleet.folder import is_fleet
+from aircraft_sysid_ros.fleet.folder import FLIGHTS, is_fleet
 from aircraft_sysid_ros.fleet.page import require_jinja2, write_page
 from aircraft_sysid_ros.fleet.priors import write_priors
 from aircraft_sysid_ros.fleet.results import RUNS, Results
-from aircraft_sysid_ros.fleet.tables import Flown, in_order, require_pyarrow, tables_of, write_tables
+from aircraft_sysid_ros.fleet.tables import Flown, in_order, read_table, require_pyarrow, tables_of, write_tables
 from aircraft_sysid_ros.flight_check.finding import ERROR
 from aircraft_sysid_ros.identification.trust import Trust
 
@@ -163,11 +163,19 @@ def fly_fleet(asked: Asked, tell: Callable[[str, int, int], None], say: Callable
         flown = in_order([Flown(flight, answers[flight.name]) for flight in flights])
         tables = tables_of(flown)
         fleet = Fleet(asked.out, flown, between_flights(tables, flown), len(new), unkept)
-        if fleet.ok or not is_fleet(asked.out):
-            _write(fleet, tables)
-        else:
-            unkept.append(f"{asked.out} is left as it was: what its flights said before is worth more than nothing")
+        if not fleet.ok and _has_usable_flights(asked.out):
+            why = "what its flights said before is worth more than nothing"
+            return replace(fleet, notes=[*fleet.notes, f"{asked.out} is left as it was: {why}"])
+        _write(fleet, tables)
     return fleet
+
+
+def _has_usable_flights(out: Path) -> bool:
+    """Whether the tables of a folder, where they are there and whole, rest on any flight."""
+    try:
+        return is_fleet(out) and any(row["ok"] for row in read_table(out / FLIGHTS))
+    except InputError:
+        return False
 
 
 def _write(fleet: Fleet, tables: Mapping[str, Any]) -> None:

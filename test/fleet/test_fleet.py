@@ -140,6 +140,17 @@ def test_a_fleet_of_which_no_flight_is_usable_leaves_what_was_known(place, flown
     assert {name: (out / name).read_bytes() for name in names} == before
 
 
+def test_reasons_of_flights_that_were_never_usable_are_the_newest(place, flown, monkeypatch):
+    """A folder that no flight was ever usable of was left with the reasons of the first attempt."""
+    for reason in ("the mass is negative", "the span is missing"):
+        (place / "aircraft.yaml").write_text(f"name: {reason}")
+        unusable = {"ok": False, "reason": reason}
+        monkeypatch.setitem(globals(), "answer", lambda recording, unusable=unusable: unusable)
+        fleet, out = fly(place)
+        assert set(pd.read_parquet(out / "flights.parquet").reason) == {reason}
+        assert reason in (out / "fleet.html").read_text() and not any("as it was" in n for n in fleet.json["notes"])
+
+
 @pytest.mark.parametrize("begin", [BEGIN, 0])
 def test_flights_with_one_start_or_none_are_in_the_order_of_the_numbers_in_their_names(
     place, flown, monkeypatch, begin
