@@ -20,17 +20,22 @@
     if (focused?.closest?.("[role=tablist]") && !event.target.closest?.("[role=tablist]")) focused.blur();
   }, {capture: true, passive: true});
 
-  // The legend of a figure that was narrow keeps its place of then, in the middle of the plot.
-  let later = 0;
+  // The legend of a figure that was narrow keeps its place of then, in the middle of the plot, when plotly.js draws it
+  // in a new width: which it does when it comes to it, in a slow browser a second later.
+  const placed = new WeakMap();
+  const mended = new WeakMap();
+  const mender = (plot) => () => {
+    const {showlegend, width} = plot._fullLayout ?? {};
+    if (!showlegend || !plot.offsetWidth || !window.Plotly || placed.get(plot) === width) return;
+    placed.set(plot, width);
+    Plotly.relayout(plot, {"margin.t": plot.layout.margin?.t ?? 6, "legend.y": plot.layout.legend?.y ?? 1});
+  };
   addEventListener("resize", () => {
-    clearTimeout(later);
-    later = setTimeout(() => {
-      for (const plot of document.querySelectorAll(".js-plotly-plot")) {
-        if (plot._fullLayout?.showlegend && plot.offsetWidth && window.Plotly) {
-          Plotly.relayout(plot, {"margin.t": plot.layout.margin?.t ?? 6, "legend.y": plot.layout.legend?.y ?? 1});
-        }
-      }
-    }, 300);
+    for (const plot of document.querySelectorAll(".js-plotly-plot")) {
+      if (!mended.has(plot)) mended.set(plot, mender(plot));
+      plot.removeListener("plotly_afterplot", mended.get(plot));  // a figure that was made anew has lost it
+      plot.on("plotly_afterplot", mended.get(plot));
+    }
   });
 
   // Light or dark of the system, as long as nothing was chosen.
