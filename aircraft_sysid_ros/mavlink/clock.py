@@ -148,11 +148,14 @@ _EPOCH_BEGINS = 10**15  # [us] more is Unix time (2001), less is time since star
 _WRAP = 2**32  # [us] 71.6 min
 _NARROW = ("SERVO_OUTPUT_RAW", "AOA_SSA")  # ArduPilot counts in 32 bits there, whatever the field could hold
 _FIX, _FIX_2D = "GPS_RAW_INT", 2  # told again and again until there is another
-_BACKWARDS = NANOSECONDS  # [ns] UDP may exchange packets by less
+_BACKWARDS = 5 * NANOSECONDS  # [ns] a sender that is short of time may send samples later than the time by less
 _LEAP = 5 * NANOSECONDS  # [ns] ahead of what the quickest message allows: those that waited for longer were later
 #: A restart is believed after so many messages in a row that agree with each other and not with the clock, over such a
-#: time [ns]: some forged ones would else shut out the genuine, which come between them.
-_CONFIRMING, _CONFIRMING_SPAN = 5, NANOSECONDS // 2
+#: time [ns]: some forged ones would else shut out the genuine, which come between them, and so do those of an autopilot
+#: that tells the time each second and is behind with all else. What has started anew tells the old time no more.
+_CONFIRMING, _CONFIRMING_SPAN = 5, 2 * NANOSECONDS
+#: So long [ns] after the first of these nobody knows when a message without a time was sent.
+_UNTOLD = NANOSECONDS // 5
 
 
 @dataclass
@@ -174,6 +177,11 @@ class BootTime:
         self._suspect: _Suspect | None = None
         self._last_fix: int | None = None
 
+    @property
+    def is_in_doubt(self) -> bool:
+        """Whether the newest times agree with each other and not with those before: a restart, or forged ones."""
+        return self._suspect is not None
+
     def is_repeated(self, name: str, boot: int) -> bool:
         """Whether a message that was taken at ``boot`` is one that was heard before: to be asked once of each.
 
@@ -187,11 +195,11 @@ class BootTime:
     def of(self, name: str, fields: Mapping[str, Any], arrival: int) -> int | None:
         """Time since start of a message that came at ``arrival`` [ns]; None where it cannot be told.
 
-        A message without a time of its own gets the newest one: it was sent just after.
+        A message without a time of its own gets the newest one: it was sent just after, unless a restart is in doubt.
         """
         own = self._own(name, fields)
         if own is None:
-            return self._newest
+            return None if self._suspect and arrival - self._suspect.since > _UNTOLD else self._newest
         if not self._believe(own, arrival):
             return None
         if name == "SYSTEM_TIME" and int(fields["time_unix_usec"]) > _EPOCH_BEGINS:

@@ -15,6 +15,7 @@ import numpy.typing as npt
 
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.installation import MissingExtra
+from aircraft_sysid_ros.mavlink.clock import BootTime
 from aircraft_sysid_ros.mavlink.mavlink_table import MAVLINK
 from aircraft_sysid_ros.mavlink.quantities import NAMED_VALUES, Batch
 from aircraft_sysid_ros.mavlink.servo_mapping import ServoMapping
@@ -46,7 +47,6 @@ def import_tlog(path: Path, mapping: ServoMapping | None = None) -> ImportedLog:
 def read_tlog(path: Path) -> LogContent:
     """All messages of the first autopilot in the log, stamped in the clock of the ground station."""
     try:
-        from aircraft_sysid_ros.mavlink.clock import BootTime
         from aircraft_sysid_ros.mavlink.decoder import Decoder, fields_of
         from aircraft_sysid_ros.mavlink.session import is_vehicle
     except ImportError:
@@ -56,29 +56,52 @@ def read_tlog(path: Path) -> LogContent:
     if heartbeat is None:
         raise InputError("it is not a telemetry log with an autopilot in it: there is no heartbeat of one")
     sender = (heartbeat.get_srcSystem(), heartbeat.get_srcComponent())
-    boot_time, offsets = BootTime(), dict[int, int]()
-    by_name: dict[str, _Messages] = {}
-    found: dict[str, int] = {}
+    heard = _Heard(BootTime())
     for arrival, message in packets:
-        if (message.get_srcSystem(), message.get_srcComponent()) != sender:
-            continue
-        name, fields = message.get_type(), fields_of(message)
-        found[name] = found.get(name, 0) + 1
-        boot = boot_time.of(name, fields, arrival)
+        if (message.get_srcSystem(), message.get_srcComponent()) == sender:
+            heard.take(message.get_type(), fields_of(message), arrival)
+    starts = heard.boot_time.reboots
+    notes = [f"the autopilot started anew {starts} times"] if starts else []
+    notes += [f"{lost} bytes are no messages"] if lost else []
+    batches = [_batch(name, kept, heard.offsets) for name, kept in heard.by_name.items()]
+    return LogContent("MAVLink telemetry", batches, heard.found, notes)
+
+
+@dataclass
+class _Heard:
+    """The messages of one autopilot by name, and by start of it the least of arrival minus its time [ns]."""
+
+    boot_time: BootTime
+    by_name: dict[str, _Messages] = field(default_factory=dict)
+    offsets: dict[int, int] = field(default_factory=dict)
+    found: dict[str, int] = field(default_factory=dict)
+    _unsure: list[tuple[str, dict[str, Any], int]] = field(default_factory=list)  # of a start that is not yet believed
+
+    def take(self, name: str, fields: dict[str, Any], arrival: int) -> None:
+        """The next message. Once a start is believed those that said so are kept, too."""
+        self.found[name] = self.found.get(name, 0) + 1
+        starts = self.boot_time.reboots
+        boot = self.boot_time.of(name, fields, arrival)
+        if self.boot_time.reboots != starts:
+            for each in self._unsure:
+                self._keep(*each, self.boot_time.of(*each))
+        if self.boot_time.reboots != starts or not self.boot_time.is_in_doubt:
+            self._unsure.clear()
         if boot is None:
-            continue
-        segment = boot_time.reboots
+            self._unsure.append((name, fields, arrival))
+        self._keep(name, fields, arrival, boot)
+
+    def _keep(self, name: str, fields: dict[str, Any], arrival: int, boot: int | None) -> None:
+        if boot is None:
+            return
+        segment = self.boot_time.reboots
         if "time_boot_ms" in fields:
-            offsets[segment] = min(offsets.get(segment, arrival - boot), arrival - boot)
-        if (name in MAVLINK or name == NAMED_VALUES) and not boot_time.is_repeated(name, boot):
-            kept = by_name.setdefault(name, _Messages())
+            self.offsets[segment] = min(self.offsets.get(segment, arrival - boot), arrival - boot)
+        if (name in MAVLINK or name == NAMED_VALUES) and not self.boot_time.is_repeated(name, boot):
+            kept = self.by_name.setdefault(name, _Messages())
             kept.segment.append(segment)
             kept.boot.append(boot)
             kept.fields.append(fields)
-    notes = [f"the autopilot started anew {boot_time.reboots} times"] if boot_time.reboots else []
-    notes += [f"{lost} bytes are no messages"] if lost else []
-    batches = [_batch(name, kept, offsets) for name, kept in by_name.items()]
-    return LogContent("MAVLink telemetry", batches, found, notes)
 
 
 def _packets(data: bytes, decoder: Any) -> tuple[list[tuple[int, Any]], int]:

@@ -14,6 +14,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from aircraft_sysid_ros.aircraft.earth import geodetic_along
 from aircraft_sysid_ros.aircraft.frames import euler_from_quaternion, rotation_matrix
 from aircraft_sysid_ros.simulation.mavlink_simulator.autopilot import KNOWN, MavlinkSimulator
+from aircraft_sysid_ros.simulation.mavlink_simulator.process import Radio
 from aircraft_sysid_ros.simulation.mavlink_simulator.sensors import ATTITUDE, VELOCITY, FlightSensors, pieces
 from aircraft_sysid_ros.simulation.simulated_flight import simulate_samples
 
@@ -384,3 +385,26 @@ def test_texts_and_lists(flown):
     for name, fields in OTHERS.items():
         for field, value in fields.items():
             assert all(getattr(message, field) == value for message in flown.of(name).messages)
+
+
+def test_a_busy_machine_tells_no_time_that_its_samples_are_far_behind(mapping):
+    """The stand-in has flown to 1 s when 30 s have gone by: an autopilot's clock and samples are of one machine."""
+
+    class Link:
+        def __init__(self) -> None:
+            self.sent = []
+
+        def write(self, packet: bytes) -> None:
+            self.sent += dialect.MAVLink(None).parse_buffer(packet)
+
+        def read(self, wait: float) -> bytes:
+            return b""
+
+    link = Link()
+    radio = Radio(MavlinkSimulator(mapping), link, ())
+    radio.begin()
+    radio.add([], 1.0)
+    radio.started -= 30.0
+    radio.run_until(0.0)
+    (told,) = [message.time_boot_ms for message in link.sent if message.get_type() == "SYSTEM_TIME"]
+    assert told == 1000 * (BOOT + 1.0)

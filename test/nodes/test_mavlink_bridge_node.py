@@ -45,7 +45,7 @@ class Flight:
         transport.open()
         self.simulator = MavlinkSimulator(load_servo_mapping(CALIBRATION))
         self.radio = Radio(self.simulator, transport, ())
-        self.radio.add([event for piece in pieces(flight.truth) for event in sensors.events(piece)])
+        self.radio.add([event for piece in pieces(flight.truth) for event in sensors.events(piece)], np.inf)
         self.truth, self.ended = flight.truth, False
         self.thread = threading.Thread(target=self.fly, daemon=True)
 

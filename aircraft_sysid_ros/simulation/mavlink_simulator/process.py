@@ -56,6 +56,7 @@ class Radio:
         self.simulator, self.transport = simulator, transport
         self._reboots = deque(sorted(reboots))
         self._waiting: deque[Event] = deque()
+        self._flown = 0.0  # [s] to where the flight is known
         self.events: list[Event] = []
         self.started = time.monotonic()
         self.wall_start = time.time_ns()
@@ -65,8 +66,9 @@ class Radio:
         self.started, self.wall_start = time.monotonic(), time.time_ns()
         self.simulator.unix_start = self.wall_start
 
-    def add(self, events: Sequence[Event]) -> None:
-        """Samples to be sent when their time comes."""
+    def add(self, events: Sequence[Event], flown: float) -> None:
+        """Samples to be sent when their time comes; to where the flight is known with them [s]."""
+        self._flown = flown
         self._waiting.extend(events)
         self.events.extend(events)
 
@@ -87,7 +89,7 @@ class Radio:
             self.simulator.reboot(now)
         while self._waiting and self._waiting[0].time <= now:
             self.simulator.sense(self._waiting.popleft())
-        self.simulator.tick(now)
+        self.simulator.tick(min(now, self._flown))  # a busy machine is late with all of it, as an autopilot would be
         for packet in self.simulator.packets():
             self.transport.write(packet)
 
@@ -97,7 +99,7 @@ def send_flight(truth: Truth, duration: float, sensors: FlightSensors, radio: Ra
     radio.begin()
     for piece in pieces(truth):
         radio.run_until(max(float(piece.time[0]) - AHEAD, 0.0))
-        radio.add(sensors.events(piece))
+        radio.add(sensors.events(piece), float(piece.time[-1]))
     radio.run_until(duration)
 
 
@@ -122,7 +124,7 @@ def paced(
             radio.begin()
         rows.append(log_row(executive))
         if i and i % each == 0:
-            radio.add(sensors.events(_piece(aircraft, rows[-each - 1 :], i)))
+            radio.add(sensors.events(_piece(aircraft, rows[-each - 1 :], i)), i / RATE)
             del rows[:-1]
         if i % 4 == 0:
             radio.run_until(i / RATE - AHEAD)
