@@ -180,7 +180,7 @@ def _beyond_chance(
             chance = 1.0
         elif accused:
             progress("look at the measurement in replicas", 0.0)
-            chance = chance_of(finding.setting, mended[1], calm, tried, replicas)
+            chance = chance_of(finding.setting, finding.errors, mended[1], calm, tried, replicas)
         p_value = max(finding.p_value, chance)
         if chance < THRESHOLDS.verdict and (not accused or p_value < level_of(finding, calm)):
             why = "" if accused else _why_no_fault(finding, given, flight.samples)

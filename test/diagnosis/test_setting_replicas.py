@@ -14,7 +14,7 @@ from aircraft_sysid_ros.diagnosis.flight_diagnosis import _beyond_chance, _neede
 from aircraft_sysid_ros.diagnosis.measurement.faults import measurement_faults
 from aircraft_sysid_ros.diagnosis.measurement.setting import in_file
 from aircraft_sysid_ros.diagnosis.significance import setting_replicas
-from aircraft_sysid_ros.diagnosis.significance.setting_replicas import chance_of, gains_in_replicas
+from aircraft_sysid_ros.diagnosis.significance.setting_replicas import SettingInReplicas, chance_of, in_replicas
 from aircraft_sysid_ros.diagnosis.words import MeasurementFinding
 from aircraft_sysid_ros.effects import BY_ID
 from aircraft_sysid_ros.samples import Kind
@@ -37,8 +37,8 @@ def offset(aircraft):
 
 def test_replicas_have_sensors_that_are_right(offset):
     _, calm, found, mended = offset
-    assert max(gains_in_replicas(found, mended, calm, 3)) < 0.1 * found.gain
-    assert chance_of(found, mended, calm, 20, 3) < 0.01
+    assert max(in_replicas(found, mended, calm, 3).gains) < 0.1 * found.gain
+    assert chance_of(found, {}, mended, calm, 20, 3) < 0.01
 
 
 def test_surfaces_of_replicas_move_when_they_should(aircraft):
@@ -49,7 +49,7 @@ def test_surfaces_of_replicas_move_when_they_should(aircraft):
     found = measurement_faults(flight, [BY_ID["actuator_lag"]], calm)[0]
     assert found.value == pytest.approx(-0.05, abs=0.01)
     mended, _ = reconstruct_as_flown(in_file(found, aircraft), early, with_covariance=False)
-    assert max(gains_in_replicas(found, mended, calm, 2)) < 0.1 * found.gain
+    assert max(in_replicas(found, mended, calm, 2).gains) < 0.1 * found.gain
 
 
 def test_surfaces_of_replicas_move_as_servos_do(aircraft):
@@ -58,7 +58,7 @@ def test_surfaces_of_replicas_move_as_servos_do(aircraft):
     found = measurement_faults(flight, [BY_ID["actuator_lag"]], calm)[0]
     assert found.variant.setting[-1] == "lag" and found.value == pytest.approx(0.06, abs=0.012)
     mended, _ = reconstruct_as_flown(in_file(found, aircraft), samples, with_covariance=False)
-    assert max(gains_in_replicas(found, mended, calm, 2)) < 0.1 * found.gain
+    assert max(in_replicas(found, mended, calm, 2).gains) < 0.1 * found.gain
 
 
 @pytest.mark.long
@@ -72,9 +72,9 @@ def test_what_replicas_feign_as_well_is_no_fault(aircraft, offset, monkeypatch):
     aircraft_then, _, _, finding = told()
     assert finding.matters and finding.setting is found and aircraft_then.sensors["angle_of_attack"].offset
     feigned = np.array([0.5, 0.9, 1.2]) * found.gain
-    monkeypatch.setattr(setting_replicas, "gains_in_replicas", lambda *_: feigned)
+    monkeypatch.setattr(setting_replicas, "in_replicas", lambda *_: SettingInReplicas(feigned, {}))
     assert told() is None
-    monkeypatch.setattr(setting_replicas, "gains_in_replicas", lambda *_: np.full(3, np.nan))
+    monkeypatch.setattr(setting_replicas, "in_replicas", lambda *_: SettingInReplicas(np.full(3, np.nan), {}))
     assert told() is None
     assert set(said) == {"look at the measurement in replicas"}
 

@@ -5,15 +5,21 @@ makes some setting likelier than none. A replica flies the motion and the wind t
 mended, and with sensors that are as they should be, so that the same search finds in it what such a flight feigns. The
 wind of the flight before it was mended will not do: a vane that is mounted wrong is in it as a wind, and replicas in
 that wind would show the same fault.
+
+A delay of the controls must besides lower the error of a moment that is above what noise makes of it in the replicas,
+as an effect of the library must: where an autopilot holds a course in calm air the surfaces say little of their own, of
+which the records' noise is as large, and a delay tells apart what noise has made alike.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
+from aircraft_sysid_ros.aircraft.aerodynamic_model import MOMENTS
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
 from aircraft_sysid_ros.aircraft.sensor_settings import CONTROLS
 from aircraft_sysid_ros.diagnosis.flight.reconstruction import (
@@ -25,9 +31,11 @@ from aircraft_sysid_ros.diagnosis.flight.reconstruction import (
 )
 from aircraft_sysid_ros.diagnosis.measurement.faults import jobs_of, try_setting
 from aircraft_sysid_ros.diagnosis.measurement.setting import Setting
+from aircraft_sysid_ros.diagnosis.search.fit import fits_of
 from aircraft_sysid_ros.diagnosis.significance.bootstrap_flight import world_of
 from aircraft_sysid_ros.diagnosis.significance.maximum_statistic import Null
 from aircraft_sysid_ros.diagnosis.significance.parametric_bootstrap import LONGEST, fitted_parameters
+from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS
 from aircraft_sysid_ros.effects.effect import with_setting
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.identification.coefficients.layout import CoefficientSample
@@ -38,25 +46,58 @@ from aircraft_sysid_ros.samples import Kind, Samples
 Array = npt.NDArray[np.float64]
 
 
-def chance_of(fault: Setting, mended: Reconstruction, calm: bool, tried: int, count: int) -> float:
+@dataclass(frozen=True)
+class SettingInReplicas:
+    """What replicas make of a setting: gains (count,) at its best value, NaN where the filter does not start on one.
+
+    ``errors``: of a delay of the controls the median held-out error of each moment, as the aircraft file has it.
+    """
+
+    gains: Array
+    errors: Mapping[str, float]
+
+
+def chance_of(
+    fault: Setting,
+    errors: Mapping[str, tuple[float, float]],
+    mended: Reconstruction,
+    calm: bool,
+    tried: int,
+    count: int,
+) -> float:
     """Probability that a flight like this one whose sensors are right prefers one of so many settings as much.
 
-    ``mended``: the flight with the setting; ``calm``: whether it was, before. 1 where there are no replicas.
+    ``errors``: of the axes without and with it; ``mended``: the flight with the setting; ``calm``: whether it was,
+    before. 1 where there are no replicas.
     """
-    gains = gains_in_replicas(fault, mended, calm, count)
-    if not np.isfinite(gains).any():
+    feigned = in_replicas(fault, mended, calm, count)
+    if not np.isfinite(feigned.gains).any():
         return 1.0
-    return float(min(1.0, tried * Null({fault.label: gains}).test(fault.label, fault.gain)[2]))
+    if CONTROLS in fault.variant.setting and not _is_above_noise(errors, feigned.errors):
+        return 1.0
+    return float(min(1.0, tried * Null({fault.label: feigned.gains}).test(fault.label, fault.gain)[2]))
 
 
-def gains_in_replicas(fault: Setting, mended: Reconstruction, calm: bool, count: int) -> Array:
-    """Gains (count,) of the setting at its best value in each replica; NaN where the filter does not start on one."""
+def _is_above_noise(errors: Mapping[str, tuple[float, float]], noise: Mapping[str, float]) -> bool:
+    """Whether the error of a moment falls by ``Thresholds.size`` that was above what noise makes of it."""
+    return any(
+        errors[axis][1] <= (1.0 - THRESHOLDS.size) * errors[axis][0]
+        and errors[axis][0] >= THRESHOLDS.above_floor * noise[axis]
+        for axis in noise.keys() & errors.keys()
+    )
+
+
+def in_replicas(fault: Setting, mended: Reconstruction, calm: bool, count: int) -> SettingInReplicas:
+    """The setting in so many replicas of the flight that was mended with it."""
     flight = replace(
         mended, aircraft=_with_sensors_right(mended.aircraft, fault), samples=_controls_on_time(mended, fault)
     )  # fmt: skip
     stretches, parameters = repeated_rows(flight, LONGEST), fitted_parameters(settled_flight(flight))
     jobs = [(fault, flight, stretches, parameters, calm, seed) for seed in range(count)]
-    return np.array([*in_parallel(_gain, jobs)])
+    gains, errors = zip(*in_parallel(_in_one, jobs), strict=True)
+    axes = [axis for axis in MOMENTS if any(axis in each for each in errors)]
+    medians = {axis: float(np.median([each[axis] for each in errors if axis in each])) for axis in axes}
+    return SettingInReplicas(np.array(gains), medians)
 
 
 def _with_sensors_right(aircraft: Aircraft, fault: Setting) -> Aircraft:
@@ -76,20 +117,23 @@ def _controls_on_time(mended: Reconstruction, fault: Setting) -> Samples:
     return replace(samples, stamp=samples.stamp - late * np.isin(samples.kind, [Kind.CONTROLS, Kind.INPUTS]))
 
 
-def _gain(job: tuple[Setting, Reconstruction, list[Array], Array, bool, int]) -> float:
+def _in_one(job: tuple[Setting, Reconstruction, list[Array], Array, bool, int]) -> tuple[float, dict[str, float]]:
+    """Gain in one replica, and its errors of the moments where it is one of the controls."""
     fault, flight, stretches, parameters, calm, seed = job
     world = world_of(flight, stretches, parameters, seed)
-    samples = world.samples(seed)
+    samples, errors = world.samples(seed), dict[str, float]()
     try:
         if CONTROLS in fault.variant.setting:
             again = reconstruct_as_flown(world.aircraft, samples, with_covariance=False)[0]
+            fits, _ = fits_of(settled_flight(again), MOMENTS)
+            errors = {axis: fit.nrmse_held_out for axis, fit in fits.items()}
         else:
             again = _unfiltered(flight, as_flown(world.aircraft, samples)[0], samples)
     except InputError:
-        return np.nan
+        return np.nan, errors
     alone = replace(fault.effect, variants=(fault.variant,))
     gain = max((try_setting(each).gain for each in jobs_of(again, [alone], calm)), default=np.nan)
-    return gain if np.isfinite(gain) else np.nan
+    return (gain if np.isfinite(gain) else np.nan), errors
 
 
 def _unfiltered(flight: Reconstruction, aircraft: Aircraft, samples: Samples) -> Reconstruction:
