@@ -14,6 +14,9 @@ PLACE = np.full(3, 0.03)
 #: The same of vanes, ahead, to the right and below: the boom of a jet is half a span long; farther out on the wing is
 #: found in flight.
 VANE_PLACE = np.array([0.25, 0.05, 0.03])
+#: One sigma [m/s] and correlation time [s] of what else moves a vane up and down while the wing rolls, gusts mostly;
+#: the share of the span by which a vane that is elsewhere matters.
+_UP_AND_DOWN, _LASTS, _TENTH = 0.25, 0.4, 0.1
 
 
 def unsaid_keys(aircraft: Aircraft) -> list[str]:
@@ -34,3 +37,10 @@ def doubt_of_vanes(aircraft: Aircraft) -> Vector:
 def _doubt(aircraft: Aircraft, key: str, of_span: Vector) -> Vector:
     sigma = np.array([aircraft.unsaid.get((key, at), 0.0) for at in "xyz"])
     return np.where(np.isnan(sigma), aircraft.span * of_span, sigma)
+
+
+def roll_that_shows(span: float) -> float:
+    """Integral of the square of the roll rate [rad^2/s] from which a vane shows to a tenth of the span where it is, in
+    gusts that are light; in moderate ones four times as much.
+    """
+    return _LASTS * (_UP_AND_DOWN / (_TENTH * span)) ** 2

@@ -17,6 +17,7 @@ import numpy.typing as npt
 from aircraft_sysid_ros.aircraft.atmosphere import air_density
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
 from aircraft_sysid_ros.aircraft.named_inputs import NamedInput
+from aircraft_sysid_ros.aircraft.unsaid_places import roll_that_shows
 from aircraft_sysid_ros.flight_check.check import contradictions
 from aircraft_sysid_ros.flight_check.finding import ERROR, WARNING, Finding, short_names
 from aircraft_sysid_ros.flight_check.laws import vane_place
@@ -111,6 +112,8 @@ class InFlightCheck:
         self._inputs = tuple(inputs)
         self._triangle = WindTriangle(minimum_airspeed) if asks_airspeed else None
         self._surest: tuple[float, float] | None = None  # of all looks at the place of the vane
+        self._rolled = 0.0  # [rad^2/s] integral of the square of the roll rate, in flight
+        self._enough = np.inf if vane is None or vane.is_said else roll_that_shows(vane.span)
         self._found: tuple[Finding, ...] = ()  # errors that stand, and streams that are late
         self._code = 0
         self._density = np.nan  # over that of the standard atmosphere, at the begin of the flight
@@ -178,6 +181,7 @@ class InFlightCheck:
             self._look(float(times[at]), epoch)
             self._write_code(rows[at:])
             self._due = max(2.0 * self._due, SECOND)
+        self._look_once_it_rolled(rows, np.where(counts, steps, 0.0), epoch)
         self._mark_density(rows, flies)
         if self._triangle is not None:
             self._mark_airspeed(self._triangle, rows, epoch)
@@ -185,6 +189,32 @@ class InFlightCheck:
             self._keep(epoch, times[-1])
         elif not self._over and times[-1] > max(self._kept_since, self._begin) + 2.0 * LONGEST:
             self._keep(epoch, times[-1] - LONGEST)
+
+    def _look_once_it_rolled(self, rows: Array, steps: Array, epoch: int) -> None:
+        """Look for the vane each time that roll could have shown it that had not before; steps (n,) [ns] in flight."""
+        if self._vane is None or self._vane.is_said or self._over:
+            return
+        squares = np.nan_to_num(rows[:, StateField.ANGULAR_VELOCITY][:, 0]) ** 2 * steps / NANOSECONDS
+        rolled = np.cumsum(np.append(self._rolled, squares))[1:]  # one after the other: blocks do not matter
+        self._rolled = float(rolled[-1])
+        while self._rolled >= self._enough:
+            at = int(np.searchsorted(rolled, self._enough))
+            self._enough *= 2.0
+            if vane_place.is_known(self._surest, self._vane.span):
+                continue
+            now = float(rows[at, StateField.TIME])
+            samples = self._keep(epoch, max(now - LONGEST, self._begin))
+            past = samples[samples.stamp <= epoch + round(now * NANOSECONDS)]
+            found = [f for f in self._found if (f.kind, f.severity, *f.signals) != vane_place.MARKS]
+            with contextlib.suppress(ValueError, np.linalg.LinAlgError), np.errstate(all="ignore"):
+                self._look_at_vane(past, Motion(self._flight_of(past, arm=self._arm)), found)
+                self._judge(found)
+            self._write_code(rows[at:])
+
+    def _judge(self, found: Sequence[Finding]) -> None:
+        """What stands from now on."""
+        self._found = tuple(found)
+        self._code = next((code for f in self._found if f.severity == ERROR and (code := code_of(f))), 0)
 
     def _write_code(self, rows: Array) -> None:
         """What is known of a sensor goes before what its innovations make suspect."""
@@ -235,8 +265,7 @@ class InFlightCheck:
         new = [f for f in found if _matters(f)]
         named = {signal for f in new for signal in f.signals}
         kept = [f for f in self._found if not named & {*f.signals} and not agreeing & {*f.signals}]
-        self._found = (*new, *kept)
-        self._code = next((code for f in self._found if f.severity == ERROR and (code := code_of(f))), 0)
+        self._judge((*new, *kept))
         there = {kind for kind in _ASKED if np.any(past.kind == kind)}
         asked = [set(signals) for kind in there for signals in _ASKED[kind]]
         if self._due >= SECOND and not self._code and place_is_known and all(signals & agreeing for signals in asked):

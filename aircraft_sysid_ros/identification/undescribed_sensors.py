@@ -49,7 +49,7 @@ from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, AerodynamicModel
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
 from aircraft_sysid_ros.aircraft.sensor_settings import described
 from aircraft_sysid_ros.aircraft.signals import SIGNAL_INDEX
-from aircraft_sysid_ros.aircraft.unsaid_places import doubt_of_imu, doubt_of_vanes
+from aircraft_sysid_ros.aircraft.unsaid_places import doubt_of_imu, doubt_of_vanes, roll_that_shows
 from aircraft_sysid_ros.identification.coefficients.flow_angles import angle_at
 from aircraft_sysid_ros.identification.coefficients.layout import (
     FLYING,
@@ -83,8 +83,9 @@ _OF_MOTION = {"imu", "accelerometer", "gyro", "control_surfaces"}
 #: One sigma of scale and lag [s] of a vane that nobody has described: upwash and position error, tubes and logging.
 SCALE, LAG = 0.06, 0.04
 #: One sigma over the span of how far out on the wing a vane may be that nobody has placed, until the roll has shown it
-#: (``flight_check.laws.vane_place``), so many seconds from the first sample in flight on.
-UNSEEN, LOOKED, _SIDEWAYS = 0.4, 30.0, ("air_data_position", "y")
+#: (``flight_check.laws.vane_place``): so many seconds from the first sample in flight on, and after so many times the
+#: roll that shows it. ``InFlightCheck`` has looked by then, and what it finds holds all that uses the vane.
+UNSEEN, LOOKED, ROLLED, _SIDEWAYS = 0.4, 30.0, 4.0, ("air_data_position", "y")
 #: Slower than this [s] is not asked; time constants [s] of what follows the surfaces; time [s] that gusts last in the
 #: band; memory [s]; time [s] between what is summed; a pause [s] that begins anew.
 _BAND, _FOLLOW, _GUST, _MEMORY, _STEP, _PAUSE = 3.0, (0.3, 1.0), 0.4, 120.0, 0.04, 0.3
@@ -228,6 +229,8 @@ class UndescribedSensors:
         self.adopt(aircraft.model)
         self._moments, self._counts = np.zeros((len(ANGLES), _SERIES, _SERIES)), np.zeros(len(ANGLES))
         self._flown, self._began, self._newest = 0.0, np.nan, np.nan
+        self._rolled, self._enough = 0.0, ROLLED * roll_that_shows(aircraft.span)  # [rad^2/s]
+        self._span = aircraft.span
         self._interval = 0.0  # [s] of states
         self._waits = 0.0  # [s] until what was learnt in another flight may be used
         self.restart_clock()
@@ -275,6 +278,7 @@ class UndescribedSensors:
             _follow(batch.rows, batch.history, batch.body, self._filter, self._last, self._counts, self._moments)
         if len(batch.samples):
             before, self._newest = self._newest, float(batch.samples[-1, 0])
+            self._roll(batch.samples, before)
             self._waits -= min(max(self._newest - before, 0.0), 1.0) if before < self._newest else 0.0
             self._began = float(batch.samples[0, 0]) if np.isnan(self._began) else self._began
             samples = batch.samples if self._samples is None else np.vstack([self._samples, batch.samples])
@@ -286,6 +290,13 @@ class UndescribedSensors:
                 counted = forms if self._frees else forms[:, :, :0]
                 _regress(samples, counted, self._offsets, batch.body, self._squares, self._products)
             self._samples, self._forms = samples[-2:].copy(), forms[-2:].copy()
+
+    def _roll(self, samples: Array, before: float) -> None:
+        """Add up the square of the roll rate, of samples (n, …) after one ``before`` [s]."""
+        steps = np.clip(np.diff(samples[:, TIME], prepend=before), 0.0, _PAUSE)
+        rates = samples[:, SIGNALS_OF_SAMPLE + _P] * 2.0 * samples[:, SIGNALS_OF_SAMPLE + _V] / self._span
+        squares = np.nan_to_num(rates**2 * steps)
+        self._rolled = float(np.cumsum(np.append(self._rolled, squares))[-1])  # one after the other: as in replay
 
     @property
     def are_late(self) -> bool:
@@ -413,7 +424,7 @@ class UndescribedSensors:
                 found[axis, :, :n] = np.linalg.solve(correlation, right).T / by
         late = self._motion.ways if self._frees else ()
         vane_place = self._vane_place.copy()
-        if self._flown + self._by_this_clock <= LOOKED:
+        if self._flown + self._by_this_clock <= LOOKED or self._rolled < self._enough:
             vane_place[1] = max(vane_place[1], self._out_on_wing)
         return SensorDoubt(mean, covariance, self._place, vane_place, late, self._waits > 0.0, found)
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from aircraft_sysid_ros.aircraft.configuration import aircraft_from_dict
+from aircraft_sysid_ros.aircraft.unsaid_places import roll_that_shows
 from aircraft_sysid_ros.flight_check.in_flight import watch_of
 from aircraft_sysid_ros.flight_check.laws import vane_place
 from aircraft_sysid_ros.flight_check.laws.vane_place import Vane, findings, sideways, taken
@@ -137,6 +138,7 @@ def test_a_place_is_looked_at_again_and_taken_back(monkeypatch: pytest.MonkeyPat
     monkeypatch.setattr(vane_place, "sideways", answer)
     samples = simulate_samples(known, 72, 66.0).samples
     pipeline = Pipeline(silent)
+    pipeline.check._enough = np.inf  # looks by time alone
     early = samples.stamp < samples.stamp.min() + 45 * 10**9
     pipeline.push(samples[early])
     assert pipeline.check.vane_place == looks[0] and len(looks) == 1
@@ -146,6 +148,35 @@ def test_a_place_is_looked_at_again_and_taken_back(monkeypatch: pytest.MonkeyPat
     assert len(looks) == 2 and pipeline.check.vane_place is None and not pipeline.check.findings
     pipeline.check.finish(pipeline.state.epoch)  # a look that is less sure than the one before
     assert len(looks) == 3 and pipeline.check.vane_place is None
+
+
+def test_a_vane_is_looked_for_again_once_the_wing_has_rolled(monkeypatch: pytest.MonkeyPatch) -> None:
+    """After two minutes of quiet flight the next look would have been at four, and what rolled at three was used."""
+    known = default_aircraft()
+    silent = aircraft_from_dict({key: value for key, value in known.source.items() if key != "air_data_position"})
+    answers = {"when": [], "surest": 0.4}
+
+    def answer(motion: Motion) -> tuple[float, float]:
+        answers["when"].append(motion.grid.count * motion.grid.step)
+        return 0.4 * silent.span, answers["surest"] * silent.span
+
+    monkeypatch.setattr(vane_place, "sideways", answer)
+    samples = simulate_samples(known, 72, 58.0).samples
+
+    def flown(block: int) -> tuple[Pipeline, list[float]]:
+        answers["when"], pipeline = [], Pipeline(silent)
+        for first in range(0, len(samples), block):
+            pipeline.push(samples[first : first + block])
+        return pipeline, answers["when"]
+
+    pipeline, looks = flown(1000)
+    assert pipeline.check._rolled > 2.0 * roll_that_shows(silent.span)
+    assert len(looks) >= 3  # one at 30 s, and one each time that it had rolled twice as much
+    assert flown(77)[1] == looks
+    answers["surest"] = 0.02
+    pipeline, looks = flown(1000)
+    assert len(looks) == 1 + (looks[0] < 29.0)  # found at once, and not looked for but at 30 s
+    assert pipeline.check.vane_place and any("moves as one" in words for words in pipeline.check.words)
 
 
 def test_the_check_sees_what_moves_the_surfaces_as_it_comes() -> None:

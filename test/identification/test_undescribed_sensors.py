@@ -5,9 +5,11 @@ import pytest
 from aircraft_files import of_shape
 
 from aircraft_sysid_ros.aircraft.configuration import Aircraft, aircraft_from_dict
+from aircraft_sysid_ros.aircraft.signals import SIGNAL_INDEX
+from aircraft_sysid_ros.identification.coefficients.layout import SIGNALS_OF_SAMPLE, TERMS_OF_SAMPLE, TIME
 from aircraft_sysid_ros.identification.parameter_set import ParameterSet
 from aircraft_sysid_ros.identification.trust import Trust
-from aircraft_sysid_ros.identification.undescribed_sensors import LAG, SCALE, UndescribedSensors, _estimate
+from aircraft_sysid_ros.identification.undescribed_sensors import LAG, SCALE, UNSEEN, UndescribedSensors, _estimate
 from aircraft_sysid_ros.pipeline import Pipeline
 from aircraft_sysid_ros.samples import Kind, Samples
 from aircraft_sysid_ros.sensors.sensor_models import first_order_lag
@@ -132,3 +134,20 @@ def test_until_the_roll_has_shown_where_a_vane_is_it_may_be_out_on_the_wing() ->
             assert not (found.status is Trust.USE and apart > 2.5)
         doubt = undescribed.doubt()
         assert doubt is not None and doubt.vane_place[1] == pytest.approx(most * bare.span)
+
+
+@pytest.mark.parametrize(("rate", "most"), [(0.02, UNSEEN), (0.5, 0.05)])
+def test_a_vane_out_on_the_wing_is_in_doubt_as_long_as_nothing_rolls(rate: float, most: float) -> None:
+    """After 30 s of quiet flight the doubt had been dropped, though nothing had shown where the vane is."""
+    bare = of_shape(default_aircraft(), places=False)
+    undescribed, samples = UndescribedSensors(bare), np.zeros((1550, TERMS_OF_SAMPLE))
+    samples[:, TIME], samples[:, SIGNALS_OF_SAMPLE + SIGNAL_INDEX["V"]] = 0.04 * np.arange(1550), 20.0
+    samples[:, SIGNALS_OF_SAMPLE + SIGNAL_INDEX["p"]] = rate * bare.span / (2.0 * 20.0)
+    before = np.nan
+    for part in np.array_split(samples, 70):
+        undescribed._roll(part, before)
+        before = part[-1, TIME]
+    assert undescribed._rolled == pytest.approx(62.0 * rate**2, rel=0.01)
+    undescribed._flown = 62.0
+    doubt = undescribed.doubt()
+    assert doubt is not None and doubt.vane_place[1] == pytest.approx(most * bare.span)
