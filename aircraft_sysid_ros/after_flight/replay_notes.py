@@ -100,12 +100,13 @@ def sensor_findings(pipeline: Pipeline) -> list[Finding]:
 
 def flight_notes(state: StateEstimator, parameters: Identifier) -> list[str]:
     """What became of the samples, and what changed, was held, or began anew in flight; of a replay as of live."""
-    found = []
+    found, ahead = [], state.order.counts.gps_in_words
     for kind, counts in state.counts().items():
         for what in ("rejected", "late", "invalid", "wrong_stamp"):
             share = counts[what] / max(counts["received"], 1)
-            if share > 0.01:
+            if share > 0.01 and not (what == "wrong_stamp" and ahead and kind.startswith("gps")):
                 found.append(f"{100 * share:.0f} % of the {kind} samples were {what.replace('_', ' ')}")
+    found += [ahead] * bool(ahead)
     if state.order.counts.restarts:
         times = state.order.counts.restarts
         found.append(f"the clock leapt {'once' if times == 1 else f'{times} times'}")

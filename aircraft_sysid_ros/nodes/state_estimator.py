@@ -159,7 +159,9 @@ class StateEstimatorNode(EstimatorNode):
         values["realignments"] = self.estimator.realignments
         values["restarts"] = self.estimator.order.counts.restarts
         values["state_listeners"] = self._state_publisher.get_subscription_count()
-        words = [*self.check.words, self.estimator.order.counts.stamps_in_words, STATUS_TEXT[self.estimator.status]]
+        counts = self.estimator.order.counts
+        stamps = (counts.stamps_in_words, counts.gps_in_words)
+        words = [*self.check.words, *stamps, STATUS_TEXT[self.estimator.status]]
         return "; ".join(filter(None, words)), values
 
     def _push(self) -> None:

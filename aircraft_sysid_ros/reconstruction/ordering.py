@@ -23,10 +23,15 @@ LARGEST_LEAP = 120 * NANOSECONDS
 _CONFIRMATION = 1 * NANOSECONDS
 #: Samples further ahead of the clock than this [ns] have a wrong stamp.
 _FUTURE = 30 * NANOSECONDS
+#: So do those of GPS further ahead than this [ns] of all other sensors: time of GPS is 18 s ahead of UTC.
+_GPS_FUTURE = 5 * NANOSECONDS
+_GPS = (Kind.GPS_POSITION, Kind.GPS_VELOCITY)
 _MOST_HELD = 200_000
 _NEVER = 1 << 62
 #: So many samples, and such a share of them, with the stamp of the one before: two sensors may send under one name.
 _MANY, _MOST_STAND = 50, 0.6
+#: Such a share of the GPS that is ahead is worth a word: it may run on while the IMU does not.
+_MOST_AHEAD = 0.5
 #: Stamps that step by more [s] begin another part, and one of fewer samples is wrong stamps.
 _STEP, _LEAST_PART = 1.0, 50
 
@@ -41,6 +46,8 @@ class OrderCounts:
     wrong_stamp: npt.NDArray[np.int64] = field(default_factory=lambda: np.zeros(len(Kind), np.int64))
     #: By how much [ns] the least late of those that were late came too late.
     least_late: npt.NDArray[np.int64] = field(default_factory=lambda: np.full(len(Kind), _NEVER))
+    #: By how much [ns] the least early of those that were ahead of all other sensors were.
+    least_ahead: npt.NDArray[np.int64] = field(default_factory=lambda: np.full(len(Kind), _NEVER))
     standing: int = 0  # samples of the IMU with the stamp of the one before
     restarts: int = 0
 
@@ -53,6 +60,20 @@ class OrderCounts:
         return (
             f"the stamps of the IMU stand still: {self.standing} of {received} samples have that of the one before; "
             "the driver must stamp each with the time at which it was taken"
+        )
+
+    @property
+    def gps_in_words(self) -> str:
+        """That GPS is stamped by a clock that is ahead of that of the other sensors; empty: it is not."""
+        wrong = [kind for kind in _GPS if self.wrong_stamp[kind] > _MOST_AHEAD * max(int(self.received[kind]), 1)]
+        if not wrong:
+            return ""
+        count, total = (int(sum(each[kind] for kind in wrong)) for each in (self.wrong_stamp, self.received))
+        ahead = float(min(self.least_ahead[kind] for kind in wrong)) / NANOSECONDS
+        leap = ", as time of GPS is ahead of UTC" if 17.0 <= ahead < 19.0 else ""
+        return (
+            f"{count} of {total} samples of the GPS are stamped {ahead:.1f} s or more ahead of the other sensors{leap}"
+            ", and are left out: stamp them by the clock that stamps the IMU"
         )
 
     def far_behind(self, horizon: float) -> dict[Kind, float]:
@@ -79,6 +100,7 @@ class TimeOrder:
         self._delays = np.rint(np.asarray(delays) * NANOSECONDS).astype(np.int64)
         self.change_horizon(horizon)
         self._clock: int | None = None
+        self._beside = -_NEVER  # newest stamp [ns] of what is neither IMU nor GPS
         self._released_until = -_NEVER  # by this clock
         self._suspect: Samples | None = None
         self._held = concatenate([])
@@ -125,7 +147,7 @@ class TimeOrder:
 
     def begin_anew(self) -> None:
         """Another manoeuvre by another clock, after ``flush``."""
-        self._clock, self._released_until, self._suspect = None, -_NEVER, None
+        self._clock, self._released_until, self._suspect, self._beside = None, -_NEVER, None, -_NEVER
 
     def _valid(self, samples: Samples) -> npt.NDArray[np.bool_]:
         needed = REQUIRED_VALUES[samples.kind]
@@ -158,7 +180,7 @@ class TimeOrder:
         elif self._suspect is not None and abs(stamp - int(self._suspect.stamp[0])) <= _CONFIRMATION:
             first, self._suspect = self._suspect, None
             yield from self.flush()
-            self._clock, self._released_until = None, -_NEVER
+            self._clock, self._released_until, self._beside = None, -_NEVER, -_NEVER
             self.counts.restarts += 1
             yield Released(concatenate([]), restarted=True)
             yield from self._advance(concatenate([first, sample]))
@@ -175,6 +197,7 @@ class TimeOrder:
         due_at = np.maximum(np.where(known, clock, 0) - self._lag, self._released_until)
         late = known & (taken < due_at)
         ahead = known & (samples.stamp > np.where(known, clock, 0) + _FUTURE) & (samples.kind != Kind.IMU)
+        ahead |= known & self._are_ahead(samples, clock, ahead)
         np.add.at(self.counts.late, samples.kind[late], 1)
         np.minimum.at(self.counts.least_late, samples.kind[late], (due_at - taken)[late])
         np.add.at(self.counts.wrong_stamp, samples.kind[ahead], 1)
@@ -182,6 +205,8 @@ class TimeOrder:
         held = concatenate([self._held, Samples(taken[keep], samples.kind[keep], samples.values[keep])])
         imu = samples.stamp[samples.kind == Kind.IMU]
         if len(imu):
+            if self._clock is None:
+                held = self._of_this_clock(held, int(imu[0]))
             begin = int(imu[0]) if self._clock is None else self._clock
             self.counts.standing += int(np.sum(np.diff(imu, prepend=begin - 1 if self._clock is None else begin) == 0))
             self._clock = max(begin, int(imu.max()))
@@ -194,6 +219,26 @@ class TimeOrder:
         self._held = held[max(due, len(held) - _MOST_HELD) :]
         if due:
             yield Released(held[:due])
+
+    def _of_this_clock(self, held: Samples, begin: int) -> Samples:
+        """What came before the IMU did, without what no clock that begins at its first stamp [ns] has: a stamp of 0."""
+        fits = (held.stamp >= begin - LARGEST_LEAP) | (held.kind == Kind.IMU)
+        np.add.at(self.counts.wrong_stamp, held.kind[~fits], 1)
+        return held[fits]
+
+    def _are_ahead(
+        self, samples: Samples, clock: npt.NDArray[np.int64], wrong: npt.NDArray[np.bool_]
+    ) -> npt.NDArray[np.bool_]:
+        """Which samples (n,) of the GPS are ahead of all else that has come, but for what has a ``wrong`` stamp."""
+        of_gps = np.isin(samples.kind, _GPS)
+        others = ~of_gps & (samples.kind != Kind.IMU) & ~wrong
+        beside = np.append(self._beside, np.where(others, samples.stamp, -_NEVER))
+        newest = np.maximum.accumulate(beside)
+        self._beside = int(newest[-1])
+        by = samples.stamp - np.maximum(clock, newest[:-1])
+        ahead = of_gps & (by > _GPS_FUTURE)
+        np.minimum.at(self.counts.least_ahead, samples.kind[ahead], by[ahead])
+        return np.asarray(ahead)
 
     def _clock_at_arrival(self, samples: Samples) -> npt.NDArray[np.int64]:
         """The clock just before each sample arrived (n,); the smallest integer before there is one."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -134,6 +136,39 @@ def test_a_stamp_in_the_future_is_dropped_and_counted() -> None:
     out, _ = released(order, imu(np.arange(0.0, 1.0, 0.01)), gps([4000.0]), imu(np.arange(1.0, 2.0, 0.01)))
     assert len(out) == 200
     assert order.counts.wrong_stamp[Kind.GPS_VELOCITY] == 1
+
+
+@pytest.mark.parametrize("block", [1, 1000])
+@pytest.mark.parametrize(("ahead", "left_out"), [(1.0, 0), (18.0, 20), (25.0, 20)])
+def test_gps_that_is_stamped_ahead_of_all_other_sensors_is_left_out_and_told(ahead, left_out, block) -> None:
+    """Stamps of GPS time are 18 s ahead of UTC: it had been fused with a motion 18 s later, and a wind of 36 m/s."""
+    time = np.arange(1000) * 0.01
+    arrivals = [(t, imu([t])) for t in time] + [(t + 0.001, gps([t + ahead])) for t in time[::50]]
+    samples = concatenate([each for _, each in sorted(arrivals, key=lambda pair: pair[0])])
+    order = TimeOrder(0.5, np.zeros(len(Kind)))
+    released(order, *[samples[i : i + block] for i in range(0, len(samples), block)])
+    assert order.counts.wrong_stamp[Kind.GPS_VELOCITY] == left_out
+    words = order.counts.gps_in_words
+    assert (f"20 of 20 samples of the GPS are stamped {ahead:.1f} s or more ahead" in words) is bool(left_out)
+    assert ("time of GPS is ahead of UTC" in words) is (ahead == 18.0)
+
+
+def test_what_came_before_the_imu_with_no_stamp_is_of_no_clock() -> None:
+    """GPS without a stamp that came first was taken for GPS that is there, and no state was ever begun."""
+    order = TimeOrder(0.5, np.zeros(len(Kind)))
+    unstamped = replace(gps([0.0]), stamp=np.array([0]))
+    out, restarts = released(order, unstamped, gps([-1.0]), imu(np.arange(0.0, 1.0, 0.01)), unstamped)
+    assert out[0] == (-1.0, Kind.GPS_VELOCITY) and len(out) == 101 and restarts == 0
+    assert (order.counts.wrong_stamp[Kind.GPS_VELOCITY], order.counts.late[Kind.GPS_VELOCITY]) == (1, 1)
+
+
+def test_gps_that_runs_on_while_the_imu_is_silent_is_not_ahead_of_the_rest() -> None:
+    arrivals = [imu(np.arange(0.0, 1.0, 0.01))]
+    for t in np.arange(1.0, 20.0, 0.1):
+        arrivals += [replace(gps([t]), kind=np.array([Kind.AIRSPEED])), gps([t])]
+    order = TimeOrder(0.5, np.zeros(len(Kind)))
+    released(order, concatenate([*arrivals, imu(np.arange(20.0, 22.0, 0.01))]))
+    assert order.counts.wrong_stamp.sum() == 0 and not order.counts.gps_in_words
 
 
 def test_memory_is_bounded_without_an_imu() -> None:
