@@ -151,9 +151,10 @@ _FIX, _FIX_2D = "GPS_RAW_INT", 2  # told again and again until there is another
 _BACKWARDS = 5 * NANOSECONDS  # [ns] a sender that is short of time may send samples later than the time by less
 _LEAP = 5 * NANOSECONDS  # [ns] ahead of what the quickest message allows: those that waited for longer were later
 #: A restart is believed after so many messages in a row that agree with each other and not with the clock, over such a
-#: time [ns]: some forged ones would else shut out the genuine, which come between them, and so do those of an autopilot
-#: that tells the time each second and is behind with all else. What has started anew tells the old time no more.
-_CONFIRMING, _CONFIRMING_SPAN = 5, 2 * NANOSECONDS
+#: time [ns]: some forged ones would else shut out the genuine, which come between them. Where that clock began before
+#: the newest message of the old one came, over the longer: so do those of an autopilot that tells the time each second
+#: and is behind with all else, and what has started anew tells the old time no more.
+_CONFIRMING, _CONFIRMING_SPAN, _BEGAN_BEFORE = 5, NANOSECONDS // 2, 2 * NANOSECONDS
 #: So long [ns] after the first of these nobody knows when a message without a time was sent.
 _UNTOLD = NANOSECONDS // 5
 
@@ -173,6 +174,7 @@ class BootTime:
         self.reboots = 0
         self._newest: int | None = None
         self._least = 0  # of arrival - boot: the quickest message
+        self._heard = 0  # arrival of the newest message of this clock
         self._unix_minus_boot: int | None = None  # [ns]
         self._suspect: _Suspect | None = None
         self._last_fix: int | None = None
@@ -227,16 +229,17 @@ class BootTime:
             self._newest, self._least = boot, arrival - boot
         if self._fits(boot, arrival, self._newest, self._least):
             self._newest, self._least = max(self._newest, boot), min(self._least, arrival - boot)
-            self._suspect = None
+            self._suspect, self._heard = None, arrival
             return True
         suspect = self._suspect
         if suspect is None or not self._fits(boot, arrival, suspect.boot, suspect.arrival - suspect.boot):
             self._suspect = _Suspect(boot, arrival, 1, arrival)
             return False
         self._suspect = _Suspect(max(boot, suspect.boot), arrival, suspect.count + 1, suspect.since)
-        if self._suspect.count < _CONFIRMING or arrival - suspect.since < _CONFIRMING_SPAN:
+        span = _CONFIRMING_SPAN if boot <= arrival - self._heard + _LEAP else _BEGAN_BEFORE
+        if self._suspect.count < _CONFIRMING or arrival - suspect.since < span:
             return False
-        self._newest, self._least, self._suspect = boot, arrival - boot, None
+        self._newest, self._least, self._suspect, self._heard = boot, arrival - boot, None, arrival
         self._unix_minus_boot = None
         self.reboots += 1
         return True
