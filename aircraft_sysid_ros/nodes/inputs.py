@@ -183,4 +183,5 @@ def lost_in_words(lost: Mapping[str, int]) -> str:
     if not lost:
         return ""
     listed = ", ".join(f"{count} of {topic}" for topic, count in sorted(lost.items()))
-    return f"messages were lost on the way: {listed}"
+    remedy = "run fewer programs beside it, raise input_depth, or set input_reliability to reliable"
+    return f"messages were lost on the way: {listed} ({remedy})"

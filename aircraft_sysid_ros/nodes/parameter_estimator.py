@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 import time
+from collections import Counter
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -65,6 +66,8 @@ STATES = "state_estimator/state"
 PERIOD = 1.0
 #: Time [s] without states after which whoever made them is said to be silent.
 SILENT = 5.0
+#: Time [s] from the first state on after which it is worth a word that nothing is to use.
+LONG = 60.0
 
 
 class ParameterEstimatorNode(EstimatorNode):
@@ -201,7 +204,17 @@ class ParameterEstimatorNode(EstimatorNode):
         if (behind := self.estimator.stream.controls.pace.behind) > LONGEST_WAIT:
             return f"no controls are used, {stamped_behind(behind)}"
         integrity = self.estimator.learning.integrity
-        return f"nothing is to use: {integrity.summary()['held']}" if all(integrity.holds) else ""
+        if all(integrity.holds):
+            return f"nothing is to use: {integrity.summary()['held']}"
+        return self._why_nothing()
+
+    def _why_nothing(self) -> str:
+        """Why nothing is to use though it has learnt for long: what most parameters give as their reason."""
+        parameters = self.estimator.snapshot().parameters
+        if self.estimator.stream.flown < LONG or any(p.status is Trust.USE for p in parameters):
+            return ""
+        reason, count = Counter(p.reason for p in parameters).most_common(1)[0]
+        return f"nothing is to use yet: {count} of {len(parameters)} parameters say '{reason}'"
 
     def take_states(self, rows: Any, stamps: Any) -> None:
         """States (n, StateField.WIDTH) with stamps (n,) [ns] from a node of this process: none can be lost."""

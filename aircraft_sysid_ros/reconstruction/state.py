@@ -107,7 +107,7 @@ STATUS_TEXT = {
     Status.WAITING: "waiting for IMU, GPS or air data, and motion",
     Status.OK: "",
     Status.NO_GPS: "no GPS: dead reckoning on air data",
-    Status.NO_AIR_DATA: "no air data: wind is held",
+    Status.NO_AIR_DATA: "no airspeed now: wind is held",
     Status.INERTIAL_ONLY: "neither GPS nor air data: inertial only",
     Status.INFERRED_ALPHA: "no vane: angle of attack from wind and attitude",
     Status.INFERRED_BETA: "no vane: sideslip from wind and attitude",

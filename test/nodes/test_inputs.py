@@ -68,7 +68,8 @@ def test_another_publisher_begins_its_own_count():
 
 def test_words_for_what_was_lost():
     assert lost_in_words({}) == ""
-    assert lost_in_words({"imu/data": 3, "gps/fix": 1}) == "messages were lost on the way: 1 of gps/fix, 3 of imu/data"
+    told = lost_in_words({"imu/data": 3, "gps/fix": 1})
+    assert told.startswith("messages were lost on the way: 1 of gps/fix, 3 of imu/data (run fewer programs")
 
 
 @pytest.fixture

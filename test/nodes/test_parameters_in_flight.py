@@ -13,6 +13,7 @@ from rclpy.parameter import Parameter
 
 from aircraft_sysid_ros.identification.identifier import Identifier
 from aircraft_sysid_ros.identification.options import ParameterOptions
+from aircraft_sysid_ros.identification.trust import Trust
 from aircraft_sysid_ros.nodes import parameter_estimator, state_estimator
 from aircraft_sysid_ros.nodes.common import start
 from aircraft_sysid_ros.nodes.estimator_node import COMMON
@@ -139,6 +140,23 @@ def test_parameters_without_new_states_are_said_to_be_old(flying, monkeypatch):
     later = time.monotonic() + 2.0 * parameter_estimator.SILENT
     monkeypatch.setattr(parameter_estimator.time, "monotonic", lambda: later)
     assert "no states for 10 s" in parameters.condition()[0]
+
+
+def test_that_nothing_is_to_use_for_long_is_said_with_the_reason_of_most(flying, monkeypatch):
+    """Without vanes all 32 were held for a whole flight, and /diagnostics was ok."""
+    _, parameters, _, fly = flying
+    fly(0.0, 12.0)
+    found = parameters.estimator.snapshot()
+    held = [replace(p, status=Trust.HOLD, reason="no angle" if k else "other") for k, p in enumerate(found.parameters)]
+    monkeypatch.setattr(parameters.estimator, "snapshot", lambda: replace(found, parameters=tuple(held)))
+    assert parameters.condition()[0] == ""  # 12 s are not long
+    monkeypatch.setattr(parameter_estimator, "LONG", 5.0)
+    assert parameters.condition()[0] == "nothing is to use yet: 31 of 32 parameters say 'no angle'"
+    monkeypatch.setattr(
+        parameters.estimator, "snapshot",
+        lambda: replace(found, parameters=(replace(held[0], status=Trust.USE), *held[1:])),
+    )  # fmt: skip
+    assert parameters.condition()[0] == ""
 
 
 def test_a_shorter_horizon_is_seen_in_the_states(bench, raw):
