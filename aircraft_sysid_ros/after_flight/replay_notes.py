@@ -98,6 +98,10 @@ def sensor_findings(pipeline: Pipeline) -> list[Finding]:
     return found
 
 
+#: Of holds for a vane that does not show what the other sensors make of it.
+_OF_A_VANE = tuple(f"innovations of the {name} are too large" for name in ("sideslip", "angle of attack"))
+
+
 def flight_notes(state: StateEstimator, parameters: Identifier) -> list[str]:
     """What became of the samples, and what changed, was held, or began anew in flight; of a replay as of live."""
     found, ahead = [], state.order.counts.gps_in_words
@@ -117,6 +121,11 @@ def flight_notes(state: StateEstimator, parameters: Identifier) -> list[str]:
     if times := holds["holds"]:
         newest = f"; at the end {holds['held']}" if holds["held"] else ""
         found.append(f"parameters of an axis were held {times} time{'s' * (times > 1)}, see docs/trust.md{newest}")
+    if ("air_data_position", "x") in state.aircraft.unsaid and any(words in holds["held"] for words in _OF_A_VANE):
+        found.append(
+            "a vane ahead of the centre of gravity, as on a boom, contradicts the other sensors in quick turns: the "
+            "aircraft file does not say where it is, set air_data_position there"
+        )
     if state.realignments:
         times = state.realignments
         found.append(

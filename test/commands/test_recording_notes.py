@@ -4,10 +4,11 @@ import json
 import struct
 import subprocess
 import sys
+from types import SimpleNamespace
 
 import pytest
 
-from aircraft_sysid_ros.after_flight.replay_notes import place_notes
+from aircraft_sysid_ros.after_flight.replay_notes import flight_notes, place_notes
 from aircraft_sysid_ros.aircraft.configuration import aircraft_from_dict
 from aircraft_sysid_ros.commands.main import main
 from aircraft_sysid_ros.recordings import mcap_records
@@ -122,3 +123,21 @@ def test_places_that_the_aircraft_file_does_not_say_are_told(aircraft):
     _, note = place_notes(aircraft_from_dict(shape), has_error_states=True)
     assert "scales and offsets that are none" in note
     assert not place_notes(aircraft) and not place_notes(aircraft, has_error_states=True)
+
+
+@pytest.mark.parametrize(
+    "held", ["", "CY Cn: sensors contradict each other: innovations of the sideslip are too large"]
+)
+@pytest.mark.parametrize("says_where", [True, False])
+def test_a_vane_that_contradicts_the_rest_may_sit_where_no_file_says(aircraft, says_where, held):
+    """Of a boom of a sixth of the span all axes were held 30 times, and the place of the vane was not suspected."""
+    shape = {key: value for key, value in aircraft.source.items() if says_where or key != "air_data_position"}
+    counts = SimpleNamespace(gps_in_words="", restarts=0)
+    state = SimpleNamespace(
+        aircraft=aircraft_from_dict(shape), counts=dict, order=SimpleNamespace(counts=counts), realignments=0
+    )
+    integrity = SimpleNamespace(summary=lambda: {"holds": 30 if held else 0, "held": held})
+    changes = SimpleNamespace(alarms=list)
+    notes = flight_notes(state, SimpleNamespace(learning=SimpleNamespace(changes=changes, integrity=integrity)))
+    assert any("set air_data_position" in note for note in notes) is bool(held and not says_where)
+    assert len(notes) == bool(held) + bool(held and not says_where)
