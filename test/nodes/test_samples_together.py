@@ -1,9 +1,13 @@
 """Samples are pushed together, so that a message costs little; none waits for longer than it should."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 pytest.importorskip("rclpy")
+
+from aircraft_sysid_ros.reconstruction.ordering import OrderCounts
 
 MILLISECOND = 1_000_000
 
@@ -14,7 +18,7 @@ class Recorder:
     def __init__(self, estimator):
         self.estimator, self.pushed, self.epoch = estimator, [], 0
         self.status, self.realignments = 0, 0
-        self.order = type("Order", (), {"counts": type("Counts", (), {"restarts": 0, "stamps_in_words": ""})})
+        self.order = SimpleNamespace(counts=OrderCounts())
 
     def push(self, samples):
         self.pushed.append([int(stamp) // MILLISECOND for stamp in samples.stamp])
