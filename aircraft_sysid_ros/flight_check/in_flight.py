@@ -197,12 +197,14 @@ class InFlightCheck:
         squares = np.nan_to_num(rows[:, StateField.ANGULAR_VELOCITY][:, 0]) ** 2 * steps / NANOSECONDS
         rolled = np.cumsum(np.append(self._rolled, squares))[1:]  # one after the other: blocks do not matter
         self._rolled = float(rolled[-1])
+        looked = np.nan
         while self._rolled >= self._enough:
             at = int(np.searchsorted(rolled, self._enough))
             self._enough *= 2.0
-            if vane_place.is_known(self._surest, self._vane.span):
-                continue
             now = float(rows[at, StateField.TIME])
+            if now == looked or vane_place.is_known(self._surest, self._vane.span):
+                continue
+            looked = now
             samples = self._keep(epoch, max(now - LONGEST, self._begin))
             past = samples[samples.stamp <= epoch + round(now * NANOSECONDS)]
             found = [f for f in self._found if (f.kind, f.severity, *f.signals) != vane_place.MARKS]
