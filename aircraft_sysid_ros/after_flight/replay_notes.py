@@ -31,6 +31,7 @@ from aircraft_sysid_ros.reconstruction.air_data_errors import UNKNOWN_STD_OF
 from aircraft_sysid_ros.reconstruction.alignment import LARGEST_GAP
 from aircraft_sysid_ros.reconstruction.found_noise import found_noise, noise_notes
 from aircraft_sysid_ros.reconstruction.ordering import LARGEST_LEAP
+from aircraft_sysid_ros.reconstruction.state import SUSPECTED, contradiction_text
 from aircraft_sysid_ros.reconstruction.state_estimator import StateEstimator, nanoseconds
 from aircraft_sysid_ros.recordings.manoeuvres import Body, Manoeuvre
 from aircraft_sysid_ros.recordings.reader import Recording
@@ -99,7 +100,7 @@ def sensor_findings(pipeline: Pipeline) -> list[Finding]:
 
 
 #: Of holds for a vane that does not show what the other sensors make of it.
-_OF_A_VANE = tuple(f"innovations of the {name} are too large" for name in ("sideslip", "angle of attack"))
+_OF_A_VANE = tuple(contradiction_text(n) for n, name in SUSPECTED.items() if name in ("sideslip", "angle of attack"))
 
 
 def flight_notes(state: StateEstimator, parameters: Identifier) -> list[str]:

@@ -14,9 +14,10 @@ PLACE = np.full(3, 0.03)
 #: The same of vanes, ahead, to the right and below: the boom of a jet is half a span long; farther out on the wing is
 #: found in flight.
 VANE_PLACE = np.array([0.25, 0.05, 0.03])
-#: One sigma [m/s] and correlation time [s] of what else moves a vane up and down while the wing rolls, gusts mostly;
-#: the share of the span by which a vane that is elsewhere matters.
-_UP_AND_DOWN, _LASTS, _TENTH = 0.25, 0.4, 0.1
+#: Share of the span by which a vane that is elsewhere matters.
+MATTERS = 0.1
+#: One sigma [m/s] and correlation time [s] of what else moves a vane up and down while the wing rolls, gusts mostly.
+_UP_AND_DOWN, _LASTS = 0.25, 0.4
 
 
 def unsaid_keys(aircraft: Aircraft) -> list[str]:
@@ -40,7 +41,7 @@ def _doubt(aircraft: Aircraft, key: str, of_span: Vector) -> Vector:
 
 
 def roll_that_shows(span: float) -> float:
-    """Integral of the square of the roll rate [rad^2/s] from which a vane shows to a tenth of the span where it is, in
+    """Integral of the square of the roll rate [rad^2/s] from which a vane shows to MATTERS of the span where it is, in
     gusts that are light; in moderate ones four times as much.
     """
-    return _LASTS * (_UP_AND_DOWN / (_TENTH * span)) ** 2
+    return _LASTS * (_UP_AND_DOWN / (MATTERS * span)) ** 2

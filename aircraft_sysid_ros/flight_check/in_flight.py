@@ -205,9 +205,7 @@ class InFlightCheck:
             if now == looked or vane_place.is_known(self._surest, self._vane.span):
                 continue
             looked = now
-            samples = self._keep(epoch, max(now - LONGEST, self._begin))
-            past = samples[samples.stamp <= epoch + round(now * NANOSECONDS)]
-            found = [f for f in self._found if (f.kind, f.severity, *f.signals) != vane_place.MARKS]
+            past, found = self._past(now, epoch), self._but_the_vane()
             with contextlib.suppress(ValueError, np.linalg.LinAlgError), np.errstate(all="ignore"):
                 self._look_at_vane(past, Motion(self._flight_of(past, arm=self._arm)), found)
                 self._judge(found)
@@ -247,6 +245,15 @@ class InFlightCheck:
         self._waiting, self._kept_since = [samples], since
         return samples
 
+    def _past(self, now: float, epoch: int) -> Samples:
+        """The samples in flight until a time [s]; those of long before are forgotten."""
+        samples = self._keep(epoch, max(now - LONGEST, self._begin))
+        return samples[samples.stamp <= epoch + round(now * NANOSECONDS)]
+
+    def _but_the_vane(self) -> list[Finding]:
+        """What stands, without that the vane sits elsewhere."""
+        return [f for f in self._found if (f.kind, f.severity, *f.signals) != vane_place.MARKS]
+
     def _flight_of(self, samples: Samples, arm: VaneArm | None = None) -> Flight:
         """The flight of samples by rising stamp; what moves the surfaces neither begins nor ends it."""
         moved = np.isin(samples.kind, BESIDE)
@@ -255,8 +262,7 @@ class InFlightCheck:
         return flight_of(samples, samples.stamp, self._inputs, arm=arm)
 
     def _look(self, now: float, epoch: int) -> None:
-        samples = self._keep(epoch, max(now - LONGEST, self._begin))
-        past = samples[samples.stamp <= epoch + round(now * NANOSECONDS)]
+        past = self._past(now, epoch)
         try:
             with np.errstate(all="ignore"):
                 found, relations, motion = contradictions(self._flight_of(past, arm=self._arm))
@@ -286,7 +292,7 @@ class InFlightCheck:
             self._surest = place  # a vane does not move: the surest look is the last word, and takes back another one
         if not self._vane.is_said:
             self.vane_place = vane_place.taken(self._surest, self._vane)
-        self._found = tuple(f for f in self._found if (f.kind, f.severity, *f.signals) != vane_place.MARKS)
+        self._found = tuple(self._but_the_vane())
         found += vane_place.findings(self._surest, self._vane)
         return vane_place.is_known(self._surest, self._vane.span)
 

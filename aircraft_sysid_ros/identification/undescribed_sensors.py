@@ -230,7 +230,6 @@ class UndescribedSensors:
         self._moments, self._counts = np.zeros((len(ANGLES), _SERIES, _SERIES)), np.zeros(len(ANGLES))
         self._flown, self._began, self._newest = 0.0, np.nan, np.nan
         self._rolled, self._enough = 0.0, ROLLED * roll_that_shows(aircraft.span)  # [rad^2/s]
-        self._span = aircraft.span
         self._interval = 0.0  # [s] of states
         self._waits = 0.0  # [s] until what was learnt in another flight may be used
         self.restart_clock()
@@ -278,7 +277,8 @@ class UndescribedSensors:
             _follow(batch.rows, batch.history, batch.body, self._filter, self._last, self._counts, self._moments)
         if len(batch.samples):
             before, self._newest = self._newest, float(batch.samples[-1, 0])
-            self._roll(batch.samples, before)
+            if self._out_on_wing > 0.0:
+                self._roll(batch.samples, before)
             self._waits -= min(max(self._newest - before, 0.0), 1.0) if before < self._newest else 0.0
             self._began = float(batch.samples[0, 0]) if np.isnan(self._began) else self._began
             samples = batch.samples if self._samples is None else np.vstack([self._samples, batch.samples])
@@ -294,7 +294,7 @@ class UndescribedSensors:
     def _roll(self, samples: Array, before: float) -> None:
         """Add up the square of the roll rate, of samples (n, …) after one ``before`` [s]."""
         steps = np.clip(np.diff(samples[:, TIME], prepend=before), 0.0, _PAUSE)
-        rates = samples[:, SIGNALS_OF_SAMPLE + _P] * 2.0 * samples[:, SIGNALS_OF_SAMPLE + _V] / self._span
+        rates = samples[:, SIGNALS_OF_SAMPLE + _P] * 2.0 * samples[:, SIGNALS_OF_SAMPLE + _V] / self._aircraft.span
         squares = np.nan_to_num(rates**2 * steps)
         self._rolled = float(np.cumsum(np.append(self._rolled, squares))[-1])  # one after the other: as in replay
 

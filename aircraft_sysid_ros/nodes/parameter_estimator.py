@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 import time
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +22,7 @@ from aircraft_sysid_ros.identification.learning import STALE
 from aircraft_sysid_ros.identification.model_file import in_folder, load_model, save_model
 from aircraft_sysid_ros.identification.monitoring import error_window as modelling
 from aircraft_sysid_ros.identification.options import ParameterOptions, check_change
-from aircraft_sysid_ros.identification.parameter_set import ParameterSet
+from aircraft_sysid_ros.identification.parameter_set import ParameterEstimate, ParameterSet
 from aircraft_sysid_ros.identification.trust import Trust
 from aircraft_sysid_ros.nodes import common
 from aircraft_sysid_ros.nodes.estimator_node import PROBE_TOPIC, EstimatorNode
@@ -170,7 +170,8 @@ class ParameterEstimatorNode(EstimatorNode):
 
     def condition(self) -> tuple[str, dict[str, Any]]:
         """Whether it learns, and how many parameters may be used."""
-        statuses = [p.status for p in self.estimator.snapshot().parameters]
+        parameters = self.estimator.snapshot().parameters
+        statuses = [p.status for p in parameters]
         published = self.estimator.learning.published
         values: dict[str, Any] = {
             "states_received": self.states_received,
@@ -192,9 +193,9 @@ class ParameterEstimatorNode(EstimatorNode):
             **self.estimator.learning.changes.summary(),
             **self.estimator.learning.integrity.summary(),
         }
-        return self._waits_for(), values
+        return self._waits_for(parameters), values
 
-    def _waits_for(self) -> str:
+    def _waits_for(self, parameters: Sequence[ParameterEstimate]) -> str:
         """What it waits for, or why nothing of it is to use, in words; empty while it learns."""
         if self.estimator.learning.newest is None:
             return "waiting for states in flight"
@@ -206,11 +207,10 @@ class ParameterEstimatorNode(EstimatorNode):
         integrity = self.estimator.learning.integrity
         if all(integrity.holds):
             return f"nothing is to use: {integrity.summary()['held']}"
-        return self._why_nothing()
+        return self._why_nothing(parameters)
 
-    def _why_nothing(self) -> str:
+    def _why_nothing(self, parameters: Sequence[ParameterEstimate]) -> str:
         """Why nothing is to use though it has learnt for long: what most parameters give as their reason."""
-        parameters = self.estimator.snapshot().parameters
         if self.estimator.stream.flown < LONG or any(p.status is Trust.USE for p in parameters):
             return ""
         reason, count = Counter(p.reason for p in parameters).most_common(1)[0]

@@ -157,11 +157,10 @@ class StateEstimatorNode(EstimatorNode):
         walk, source = found_wind_walk(self.estimator)
         values["noise.wind"] = f"{walk:.3g} ({source})"
         values["realignments"] = self.estimator.realignments
-        values["restarts"] = self.estimator.order.counts.restarts
+        order = self.estimator.order.counts
+        values["restarts"] = order.restarts
         values["state_listeners"] = self._state_publisher.get_subscription_count()
-        counts = self.estimator.order.counts
-        stamps = (counts.stamps_in_words, counts.gps_in_words)
-        words = [*self.check.words, *stamps, STATUS_TEXT[self.estimator.status]]
+        words = [*self.check.words, order.stamps_in_words, order.gps_in_words, STATUS_TEXT[self.estimator.status]]
         return "; ".join(filter(None, words)), values
 
     def _push(self) -> None:

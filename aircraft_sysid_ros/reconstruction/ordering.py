@@ -99,13 +99,16 @@ class TimeOrder:
     def __init__(self, horizon: float, delays: npt.NDArray[np.float64]) -> None:
         self._delays = np.rint(np.asarray(delays) * NANOSECONDS).astype(np.int64)
         self.change_horizon(horizon)
-        self._clock: int | None = None
-        self._beside = -_NEVER  # newest stamp [ns] of what is neither IMU nor GPS
-        self._released_until = -_NEVER  # by this clock
+        self._forget_clock()
         self._suspect: Samples | None = None
         self._held = concatenate([])
         self.elapsed = 0  # [ns] by the clock, leaps left out
         self.counts = OrderCounts()
+
+    def _forget_clock(self) -> None:
+        self._clock: int | None = None
+        self._beside = -_NEVER  # newest stamp [ns] of what is neither IMU nor GPS
+        self._released_until = -_NEVER  # by this clock
 
     def change_horizon(self, horizon: float) -> None:
         """Hold samples that come from now on for ``horizon`` [s]."""
@@ -147,7 +150,8 @@ class TimeOrder:
 
     def begin_anew(self) -> None:
         """Another manoeuvre by another clock, after ``flush``."""
-        self._clock, self._released_until, self._suspect, self._beside = None, -_NEVER, None, -_NEVER
+        self._forget_clock()
+        self._suspect = None
 
     def _valid(self, samples: Samples) -> npt.NDArray[np.bool_]:
         needed = REQUIRED_VALUES[samples.kind]
@@ -180,7 +184,7 @@ class TimeOrder:
         elif self._suspect is not None and abs(stamp - int(self._suspect.stamp[0])) <= _CONFIRMATION:
             first, self._suspect = self._suspect, None
             yield from self.flush()
-            self._clock, self._released_until, self._beside = None, -_NEVER, -_NEVER
+            self._forget_clock()
             self.counts.restarts += 1
             yield Released(concatenate([]), restarted=True)
             yield from self._advance(concatenate([first, sample]))
@@ -197,7 +201,7 @@ class TimeOrder:
         due_at = np.maximum(np.where(known, clock, 0) - self._lag, self._released_until)
         late = known & (taken < due_at)
         ahead = known & (samples.stamp > np.where(known, clock, 0) + _FUTURE) & (samples.kind != Kind.IMU)
-        ahead |= known & self._are_ahead(samples, clock, ahead)
+        ahead |= self._are_ahead(samples, clock, known, ahead)
         np.add.at(self.counts.late, samples.kind[late], 1)
         np.minimum.at(self.counts.least_late, samples.kind[late], (due_at - taken)[late])
         np.add.at(self.counts.wrong_stamp, samples.kind[ahead], 1)
@@ -227,16 +231,22 @@ class TimeOrder:
         return held[fits]
 
     def _are_ahead(
-        self, samples: Samples, clock: npt.NDArray[np.int64], wrong: npt.NDArray[np.bool_]
+        self,
+        samples: Samples,
+        clock: npt.NDArray[np.int64],
+        known: npt.NDArray[np.bool_],
+        wrong: npt.NDArray[np.bool_],
     ) -> npt.NDArray[np.bool_]:
-        """Which samples (n,) of the GPS are ahead of all else that has come, but for what has a ``wrong`` stamp."""
+        """Which samples (n,) of the GPS are ahead of all else that has come, where the clock is ``known``; what has a
+        ``wrong`` stamp does not count.
+        """
         of_gps = np.isin(samples.kind, _GPS)
         others = ~of_gps & (samples.kind != Kind.IMU) & ~wrong
         beside = np.append(self._beside, np.where(others, samples.stamp, -_NEVER))
         newest = np.maximum.accumulate(beside)
         self._beside = int(newest[-1])
         by = samples.stamp - np.maximum(clock, newest[:-1])
-        ahead = of_gps & (by > _GPS_FUTURE)
+        ahead = of_gps & known & (by > _GPS_FUTURE)
         np.minimum.at(self.counts.least_ahead, samples.kind[ahead], by[ahead])
         return np.asarray(ahead)
 

@@ -22,19 +22,21 @@
 
   // The legend of a figure that was narrow keeps its place of then, in the middle of the plot, when plotly.js draws it
   // in a new width: which it does when it comes to it, in a slow browser a second later.
-  const placed = new WeakMap();
-  const mended = new WeakMap();
-  const mender = (plot) => () => {
-    const {showlegend, width} = plot._fullLayout ?? {};
-    if (!showlegend || !plot.offsetWidth || !window.Plotly || placed.get(plot) === width) return;
-    placed.set(plot, width);
-    Plotly.relayout(plot, {"margin.t": plot.layout.margin?.t ?? 6, "legend.y": plot.layout.legend?.y ?? 1});
+  const menders = new WeakMap();
+  const mender = (plot) => {
+    let placed;  // in this width
+    return () => {
+      const {showlegend, width} = plot._fullLayout ?? {};
+      if (!showlegend || !plot.offsetWidth || !window.Plotly || placed === width) return;
+      placed = width;
+      Plotly.relayout(plot, {"margin.t": plot.layout.margin?.t ?? 6, "legend.y": plot.layout.legend?.y ?? 1});
+    };
   };
   addEventListener("resize", () => {
     for (const plot of document.querySelectorAll(".js-plotly-plot")) {
-      if (!mended.has(plot)) mended.set(plot, mender(plot));
-      plot.removeListener("plotly_afterplot", mended.get(plot));  // a figure that was made anew has lost it
-      plot.on("plotly_afterplot", mended.get(plot));
+      if (!menders.has(plot)) menders.set(plot, mender(plot));
+      plot.removeListener("plotly_afterplot", menders.get(plot));  // a figure that was made anew has lost it
+      plot.on("plotly_afterplot", menders.get(plot));
     }
   });
 

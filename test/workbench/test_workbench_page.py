@@ -76,7 +76,7 @@ def test_a_hidden_effect_is_seen_named_added_and_taken_back(server, open_page, c
     page.click(marked("diagnose"))
     page.wait_for_selector(".notice .bar:visible")  # progress
     page.click(marked("plot-CX"))  # and the page answers meanwhile
-    page.wait_for_selector(marked("card-0"), timeout=600_000)
+    page.wait_for_selector(marked("card-0"))
     assert page.inner_text(marked("verdict")) == "An effect is missing"
     page.click(marked("card-0") + " .q-item")
     page.wait_for_selector(marked("card-0") + " .main-svg")

@@ -26,6 +26,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from aircraft_sysid_ros.aircraft.unsaid_places import MATTERS
 from aircraft_sysid_ros.flight_check.finding import ERROR, Finding
 from aircraft_sysid_ros.flight_check.grid import Grid, regress
 from aircraft_sysid_ros.flight_check.motion import Motion
@@ -42,8 +43,8 @@ _COVERED = 0.9
 _STILL, _ALL = 1e-12, 1e-9
 #: Interval [s] between samples of the vane up to which its motion in that band is seen.
 LONGEST = 0.2
-#: Share of the span by which a vane is elsewhere that matters, and by how many standard errors it surely is.
-_MATTERS, _SURE = 0.1, 5.0
+#: By how many standard errors a vane surely is elsewhere.
+_SURE = 5.0
 #: One sigma of the correlation between gusts at the vane and the roll that earlier ones have made: 0.2 to 0.4 where all
 #: gusts come aslant and nothing else rolls much.
 _ASLANT = 0.2
@@ -173,13 +174,13 @@ def _on_wing(found: tuple[float, float] | None, span: float) -> tuple[float, flo
 
 def is_known(found: tuple[float, float] | None, span: float) -> bool:
     """Whether the place is known well enough to say that it is right."""
-    return found is not None and found[1] < _KNOWN * _MATTERS * span
+    return found is not None and found[1] < _KNOWN * MATTERS * span
 
 
 def findings(found: tuple[float, float] | None, vane: Vane) -> list[Finding]:
     """That the vane is not where the aircraft file has it."""
     found = _on_wing(found, vane.span)
-    if found is None or not abs(found[0] - vane.right) > max(_MATTERS * vane.span, _SURE * found[1]):
+    if found is None or not abs(found[0] - vane.right) > max(MATTERS * vane.span, _SURE * found[1]):
         return []
     of_file = (
         f", which the aircraft file has at {vane.right:.2f} m: set y of air_data_position"
