@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from copy import copy
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import numpy.typing as npt
@@ -244,7 +245,9 @@ class Learning:
         """
         state = self.least_squares.state
         if self._options.relearn:
-            self._reset_axes(self.changes.evaluate(self.aircraft.model, state, start, self.undescribed.lateness), time)
+            was_known = partial(self.integrity.was_known, now=time)
+            resets = self.changes.evaluate(self.aircraft.model, state, start, was_known, self.undescribed.lateness)
+            self._reset_axes(resets, time)
             self.changes.remember(state)
         self.undescribed.look(time, self._pace.interval)
         if self.fleet.is_due(time):
@@ -289,7 +292,9 @@ class Learning:
                 self.undescribed.learn_anew(reset.axis)
             if reset.is_again or reset.is_beside:
                 continue
-            self.integrity.note_change(reset.axis, time)
+            self.integrity.note_change(reset.axis, time, reset.is_news)
+            if reset.is_news:
+                continue
             self.fleet.drop(reset.axis, f"dropped, since the axis changed at {self.changes.times[reset.axis]:.1f} s")
         if not self.lends:
             if resets and self.choice is not None:

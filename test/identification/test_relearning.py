@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import argparse
 import copy
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pytest
+from aircraft_files import of_shape
 
+from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.aircraft.configuration import aircraft_from_dict
 from aircraft_sysid_ros.commands.options import add_estimator_options, estimator_options
 from aircraft_sysid_ros.estimation.lagged_moments import add_sample
@@ -29,11 +32,15 @@ from aircraft_sysid_ros.identification.history import SampleHistory
 from aircraft_sysid_ros.identification.identifier import Identifier
 from aircraft_sysid_ros.identification.model_file import parameters_json
 from aircraft_sysid_ros.identification.monitoring.covariance_reset import ChangeDetector
+from aircraft_sysid_ros.identification.monitoring.integrity import IntegrityMonitor
 from aircraft_sysid_ros.identification.monitoring.residuals import LEAST_BLOCKS, RATIO, WINDOW, ResidualMonitor
 from aircraft_sysid_ros.identification.options import ParameterOptions
 from aircraft_sysid_ros.identification.trust import Trust
 from aircraft_sysid_ros.pipeline import Pipeline
+from aircraft_sysid_ros.sensors.sensor_models import SensorOptions
+from aircraft_sysid_ros.simulation import simulated_flight
 from aircraft_sysid_ros.simulation.dynamics import Effect
+from aircraft_sysid_ros.simulation.manoeuvres import Excitation, Plan
 from aircraft_sysid_ros.simulation.simulated_flight import simulate_samples
 
 AT, CM = 70.0, 4  # [s] of the loss; its axis
@@ -253,6 +260,39 @@ def test_a_change_that_was_undone_is_told_of_no_more():
     changes.undo(CM, before[:, CM])
     assert changes.alarms() == []
     assert changes.summary()["last_change"] == ""
+
+
+def test_the_first_motion_after_a_quiet_cruise_is_no_change(aircraft, monkeypatch):
+    """What gusts and noise had made of Cl was on HOLD throughout; the first aileron contradicted it, which was told as
+    a change of the aeroplane."""
+    plan_of, quiet = simulated_flight.plan_of, 60.0
+
+    def late_plan(name: str, time: np.ndarray, excitation: Excitation, seed: int) -> Plan:
+        plan, first = plan_of(name, time, excitation, seed), int(np.searchsorted(time, quiet))
+        moved = ("controls", "bank", "airspeed", "height", "flaps")
+        later = {key: np.concatenate([np.repeat(was[:1], first, axis=0), was[: len(time) - first]])
+                 for key, was in ((key, getattr(plan, key)) for key in moved)}  # fmt: skip
+        return replace(plan, **later)
+
+    monkeypatch.setattr(simulated_flight, "plan_of", late_plan)
+    sensors = SensorOptions(noise_scale=4.0, attitude=True)
+    flight = simulate_samples(aircraft, 31, quiet + 15.0, turbulence="light", sensors=sensors)
+    begun_anew, note = [], IntegrityMonitor.note_change
+
+    def noted(self: IntegrityMonitor, axis: int, now: float, is_news: bool) -> None:
+        begun_anew.append((axis, is_news))
+        note(self, axis, now, is_news)
+
+    monkeypatch.setattr(IntegrityMonitor, "note_change", noted)
+    pipeline, sets = fly(replace(flight, aircraft=of_shape(aircraft)))
+    assert (AXES.index("Cl"), True) in begun_anew and all(is_news for _, is_news in begun_anew)
+    assert pipeline.parameters.learning.changes.alarms() == []
+    assert not pipeline.parameters.learning.changes.counts.any()
+    assert not [p for s in sets for p in s.parameters if "since a change" in p.reason]
+    assert not parameters_json(pipeline.parameters)["changes"]
+    last = {p.name: p for p in sets[-1].parameters}
+    for name in ("Cl_da", "Cl_p"):
+        assert abs(last[name].value - aircraft.coefficients[name]) < 4.0 * last[name].std
 
 
 @pytest.mark.parametrize("estimator", ["rls", *(pytest.param(e, marks=pytest.mark.long) for e in ("fourier", "rml"))])

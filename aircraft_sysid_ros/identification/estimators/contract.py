@@ -40,6 +40,7 @@ class AxisReset(NamedTuple):
     begin: float = -np.inf  # [s] from when on samples are of the axis as it is now
     is_again: bool = False  # the change had gone on after the command before
     is_beside: bool = False  # not this axis has changed, but one in which the same surfaces act
+    is_news: bool = False  # nothing of the axis was to be used before: no change, but what it did not know
 
 
 class KnownParameters(NamedTuple):

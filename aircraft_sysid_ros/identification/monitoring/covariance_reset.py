@@ -23,7 +23,7 @@ it always runs, knows its parameters first, and does not explain errors by noise
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from functools import partial
 from typing import Any
 
@@ -140,9 +140,17 @@ class ChangeDetector:
         self._newest = float(samples[-1, _TIME])
 
     def evaluate(
-        self, model: AerodynamicModel, state: RlsState, start: float, lateness: float = 0.0
+        self,
+        model: AerodynamicModel,
+        state: RlsState,
+        start: float,
+        was_known: Callable[[int], bool],
+        lateness: float = 0.0,
     ) -> list[AxisReset]:
         """Axes that have changed, as commands; ``state`` is that of least squares, ``start`` [s] of the flight.
+
+        Where nothing of an axis ``was_known`` before, the first motion contradicts what noise and gusts made of
+        it in quiet flight: it begins anew as well, and that is no change of the aeroplane.
 
         ``lateness``: one sigma [s] of how late surfaces may be recorded, which is no change of the aeroplane. Axes with
         terms in time change by those: such a step and a constant that is opened at that moment are one column, and each
@@ -158,15 +166,19 @@ class ChangeDetector:
             if self.monitor.has_changed(axis, partial(self._explained, axis, model, state, lateness)):
                 reset = self._reset_of(axis, model, state)
                 self.monitor.forget(axis)
-                self.counts[axis] += 1
-                self.since[axis], self.times[axis] = reset.since, reset.since - start
+                self.since[axis] = reset.since
+                if was_known(axis):
+                    self.counts[axis] += 1
+                    self.times[axis] = reset.since - start
+                else:
+                    reset = reset._replace(is_news=True)
                 self._settling[axis] = reset, reset.since + _ASKED[0]
                 resets = [*(other for other in resets if other.axis != axis), reset]
         return [*resets, *self._beside(resets, model, state)]
 
     def _beside(self, resets: list[AxisReset], model: AerodynamicModel, state: RlsState) -> list[AxisReset]:
         """What surfaces do in axes that have not changed, opened where another axis of the plane has."""
-        changed = {AXES[reset.axis] for reset in resets if not reset.is_again}
+        changed = {AXES[reset.axis] for reset in resets if not (reset.is_again or reset.is_news)}
         others = {name for plane in _PLANES if changed.intersection(plane) for name in plane}
         beside = [axis for axis in range(len(AXES)) if AXES[axis] in others - {AXES[r.axis] for r in resets}]
         return [self._opened(axis, model, state) for axis in beside if state.updates[axis] >= KNOWN]

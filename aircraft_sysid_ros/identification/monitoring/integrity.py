@@ -157,11 +157,15 @@ class IntegrityMonitor:
             self._signs.last = now
         return self._release(now) if any(self.holds) else []
 
-    def note_change(self, axis: int, now: float) -> None:
-        """An axis is being learnt anew since ``now`` [s], for a change of the aeroplane."""
-        is_held = self.errors.has_known(axis, now - LAG)
-        self.doubts.forget(axis, goes_back=is_held)  # it may, until the hold ends
-        if is_held:
+    def was_known(self, axis: int, now: float) -> bool:
+        """Whether anything of an axis was to be used, or was surely known, some time before ``now`` [s]."""
+        return self.errors.has_known(axis, now - LAG)
+
+    def note_change(self, axis: int, now: float, is_news: bool) -> None:
+        """An axis is being learnt anew since ``now`` [s], for a change of the aeroplane, or for ``is_news``: nothing of
+        it was known."""
+        self.doubts.forget(axis, goes_back=not is_news)  # it may, until the hold ends
+        if not is_news:
             self._hold(axis, now)
         elif self.holds[axis] is None and not self.joint:  # usual errors are those of an axis that hardly moved
             self.errors.monitor.forget(axis)
