@@ -193,7 +193,7 @@ def test_an_axis_that_changes_when_nothing_of_it_was_to_be_used_is_not_held_and_
     """Its errors were those of cruise, in which it had hardly moved; the first motion would always be worse."""
     integrity = monitor_of(aircraft, truth, status)
     assert np.isfinite(integrity.errors.monitor.usual(4)[0])
-    integrity.note_change(4, 5.0 + LAG)
+    integrity.note_change(4, 5.0 + LAG, is_news=not integrity.was_known(4, 5.0 + LAG))
     assert (integrity.holds[4] is not None) == held == np.isfinite(integrity.errors.monitor.usual(4)[0])
 
 
