@@ -264,6 +264,7 @@ INJECTIONS: tuple[Injection, ...] = (
     *(Injection(f"attitude {s:g} s late", ATTITUDE, "offset", late(s, _A), (_A,)) for s in (0.05, 0.2)),
     *(Injection(f"GPS velocity {s:g} s late", ("velocity.north",), "offset", late(s, _V)) for s in (0.1, 0.2)),
     Injection("GPS 0.2 s late", ("velocity.north", "latitude"), "offset", late(0.2, _V, _P)),
+    *(Injection(f"IMU {s:g} s late", NAMES[Kind.IMU], "offset", late(s, Kind.IMU)) for s in (0.1, 0.15)),
     Injection("angle of attack 0.1 s late", ("angle_of_attack",), "offset", late(0.1, Kind.ANGLE_OF_ATTACK)),
     Injection("sideslip 0.1 s late", ("sideslip",), "offset", late(0.1, Kind.SIDESLIP)),
     Injection("airspeed 0.2 s late", ("true_airspeed",), "offset", late(0.2, Kind.AIRSPEED)),

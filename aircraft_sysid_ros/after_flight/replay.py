@@ -87,7 +87,7 @@ def replay(
         position = aircraft.source["air_data_position"]
         result["notes"].insert(0, _taken_there(position, bool(options.learn_sensors)))
     if options.learn_sensors:
-        late = pipeline.parameters.learning.undescribed.late_surfaces
+        late = {} if pipeline.check.has_late_imu else pipeline.parameters.learning.undescribed.late_surfaces
         learnt = completed_file(pipeline.state, late, pipeline.check.vane_place)
         _write_aircraft(Path(options.learn_sensors), learnt, options.overwrite)
     return result

@@ -13,6 +13,7 @@ from aircraft_sysid_ros.aircraft.sensor_settings import CONTROLS
 from aircraft_sysid_ros.aircraft.unsaid_places import unsaid_keys
 from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS
 from aircraft_sysid_ros.flight_check.finding import ERROR, WARNING, Finding
+from aircraft_sysid_ros.flight_check.in_flight import InFlightCheck
 from aircraft_sysid_ros.flight_check.signals import NAMES
 from aircraft_sysid_ros.identification.coefficients.pace import (
     CHANGE,
@@ -81,7 +82,7 @@ def notes(body: Body, pipeline: Pipeline, writer: RunWriter) -> list[str]:
     found += mass_notes(recording.samples, aircraft)
     found += pipeline.check.words
     found += absences(pipeline.state, names) + noise_notes(pipeline.state)
-    found += delay_notes(pipeline.parameters) + prior_notes(pipeline.parameters)
+    found += delay_notes(pipeline.parameters, pipeline.check) + prior_notes(pipeline.parameters)
     found += gap_notes(recording.samples, names) + air_data_notes(recording) + control_notes(recording.samples)
     return found + flight_notes(pipeline.state, pipeline.parameters)
 
@@ -148,8 +149,13 @@ def estimator_notes(parameters: Identifier) -> list[str]:
 _SURE_OF_WAY = 0.95
 
 
-def delay_notes(parameters: Identifier) -> list[str]:
-    """By how much motion is recorded after the surfaces that make it, where the flight shows it."""
+def delay_notes(parameters: Identifier, check: InFlightCheck) -> list[str]:
+    """By how much motion is recorded after the surfaces that make it, where the flight shows it.
+
+    Nothing where the ``check`` says that the IMU is late, which is of all that is compared with motion.
+    """
+    if check.has_late_imu:
+        return []
     sensors = parameters.learning.undescribed
     if (contradicted := sensors.contradicted) is not None:
         return [_contradicted(parameters.aircraft, *contradicted)]

@@ -274,7 +274,7 @@ def _result(args: argparse.Namespace, state: Any, parameters: Any, writer: Any, 
             *place_notes(parameters.estimator.aircraft, state.estimator.options.air_data_errors),
             *absences(state.estimator),
             *noise_notes(state.estimator),
-            *delay_notes(parameters.estimator),
+            *delay_notes(parameters.estimator, state.check),
             *prior_notes(parameters.estimator),
         ],
     }

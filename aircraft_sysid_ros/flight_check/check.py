@@ -64,7 +64,7 @@ def check(
     """All laws over one flight.
 
     What contradicts itself is explained in passes: the gravest faults first, exchanged axes, then signs and units, then
-    times, then scales; they are taken out and the rest is judged without them, and so is which parameters of ``model``
+    times, then other factors; they are taken out and the rest is judged without them, and so is which parameters of ``model``
     (default: the 32 of the textbook) the flight shows. ``progress`` is told the share done.
     """
     model = model or textbook_model()

@@ -47,8 +47,18 @@ _NEAR, _FAR, _FURTHEST, _LEAST_UNIT = 1.3, 0.2, 2.0, 1.5
 _PRIOR = dict.fromkeys(ATTITUDE, 1.5) | dict.fromkeys(VELOCITY, 1.6) | dict.fromkeys(COMMANDED, 0.5)
 _SCALE_PRIOR = dict.fromkeys((*ATTITUDE, *GEODETIC[:2]), 1.5)
 _LAG_PRIOR = {"imu": 2.2, "velocity": 0.9}
+#: And how much more, where they are early: what is measured is stamped then or later, not before. Controls are
+#: commands.
+_EARLY_PRIOR = {"velocity": 2.5, "position": 2.5}
+#: An IMU that is surely later than all else by more [s] than this spoils what is learnt: it is in every coefficient,
+#: and what is said of surfaces that are as late as usual servos does not cover it.
+_IMU_LATE = 0.05
 #: Streams of one device.
 _RECEIVER = (("velocity", "position"),)
+
+
+#: How the end of a sentence begins of a signal in another unit.
+IS_IN = "it is in "
 
 
 @dataclass(frozen=True)
@@ -68,21 +78,24 @@ def signs(relations: Sequence[Relation]) -> list[Explanation]:
 
 
 def units(relations: Sequence[Relation]) -> list[Explanation]:
-    """Signals in another unit: too large or too small by far."""
-    return _ratios(relations, lambda size: size > _LEAST_UNIT)
+    """Signals in another unit, which has a name: too large or too small by that."""
+    return [e for e in _ratios(relations) if IS_IN in e.finding.sentence]
 
 
 def scales(relations: Sequence[Relation]) -> list[Explanation]:
-    """Signals that are a little too large or too small."""
-    return _ratios(relations, lambda size: size <= _LEAST_UNIT)
+    """Signals that are too large or too small by far, else by a little.
+
+    What is compared at other times looks so, too: to be asked once times are right.
+    """
+    found = [e for e in _ratios(relations) if IS_IN not in e.finding.sentence]
+    return [e for e in found if e.finding.severity == ERROR] or found
 
 
-def _ratios(relations: Sequence[Relation], is_meant: Callable[[float], bool]) -> list[Explanation]:
+def _ratios(relations: Sequence[Relation]) -> list[Explanation]:
     found = []
     for fault in scale_faults(relations, _SCALE_PRIOR):
-        if is_meant(float(np.exp(abs(fault.size)))):
-            finding, divisor = _ratio(fault)
-            found.append(Explanation(finding, partial(_scaled, signal=fault.signal, factor=1.0 / divisor)))
+        finding, divisor = _ratio(fault)
+        found.append(Explanation(finding, partial(_scaled, signal=fault.signal, factor=1.0 / divisor)))
     return found
 
 
@@ -93,7 +106,7 @@ def _scaled(flight: Flight, signal: str, factor: float) -> Flight:
 def delays(relations: Sequence[Relation], flight: Flight) -> list[Explanation]:
     """Streams that come too late or too early."""
     found = []
-    for fault in lag_faults(relations, _LAG_PRIOR, stream_of, _RECEIVER):
+    for fault in lag_faults(relations, _LAG_PRIOR, stream_of, _RECEIVER, _EARLY_PRIOR):
         finding = _late(fault, flight)
         found.append(Explanation(finding, partial(with_delay, names=finding.signals, delay=fault.size)))
     return found
@@ -154,7 +167,7 @@ def _ratio(fault: Fault) -> tuple[Finding, float]:
     room = max(_NEAR, far, float(np.sqrt(high / low)))
     if max(ratio, 1.0 / ratio) > _LEAST_UNIT and 1.0 / room < nearest / ratio < room:
         text = f"it is {ratio:.4g} times (between {low:.3g} and {high:.3g}) what it should be by {against}"
-        text = f"{text}: it is in {units[nearest]}, divide it by {nearest:.6g}"
+        text = f"{text}: {IS_IN}{units[nearest]}, divide it by {nearest:.6g}"
         return Finding((name,), "unit", ERROR, text), nearest
     text = f"it is {ratio:.3f} times (between {low:.3f} and {high:.3f}) what it should be by {against}"
     kind, severity = ("unit", ERROR) if max(ratio, 1.0 / ratio) > 2.0 else ("scale", WARNING)
@@ -182,8 +195,9 @@ def _late(fault: Fault, flight: Flight) -> Finding:
         text = f"{KEEPS_TIME}{other}, which comes {size:.2f} s {way} than it should: {remedy}"
         return Finding(names, "offset", WARNING, text, fault.size)
     error = max(3.0 * relation.comparison.lag_std, 0.005)
+    spoils = fault.signal == "imu" and fault.size - error > _IMU_LATE
     return Finding(
-        names, "offset", WARNING,
+        names, "offset", ERROR if spoils else WARNING,
         f"it comes {size:.2f} s (± {error:.2f}) {way} than {other or 'the motion'}, by {relation.evidence} "
         f"(correlation {relation.comparison.correlation:.2f}): {remedy}",
         fault.size,

@@ -63,6 +63,7 @@ _SENSORS = {
     "angle_of_attack": "angle of attack", "sideslip": "sideslip", "static_pressure": "static pressure",
 }  # fmt: skip
 
+_IMU = ("specific_force", "angular_velocity")
 _STATIC_PRESSURE = next(code for code, sensor in CONTRADICTED.items() if sensor == "static pressure")
 _AIRSPEED = next(code for code, sensor in CONTRADICTED.items() if sensor == "airspeed")
 #: Statuses of a state whose height rests on GPS.
@@ -142,6 +143,11 @@ class InFlightCheck:
     def findings(self) -> tuple[Finding, ...]:
         """Errors that stand, streams that are late, and when the airspeed read something else."""
         return self._found if self._triangle is None else (*self._found, *self._triangle.findings)
+
+    @property
+    def has_late_imu(self) -> bool:
+        """Whether the IMU was found to be later than all others."""
+        return any(map(_is_late_imu, self._found))
 
     @property
     def words(self) -> list[str]:
@@ -317,10 +323,15 @@ def _mark_density(rows: Array, flies: Bools, usual: float) -> float:
 
 
 def _matters(finding: Finding) -> bool:
-    """Errors, and a stream that is late beyond what delays are."""
-    return finding.severity == ERROR or (
-        finding.severity == WARNING and finding.kind == "offset" and abs(finding.late) > LATE
-    )
+    """Errors, and a stream that is late beyond what delays are; the IMU is compared with all others."""
+    if finding.kind == "offset" and finding.severity == WARNING:
+        return abs(finding.late) > LATE or _is_late_imu(finding)
+    return finding.severity == ERROR
+
+
+def _is_late_imu(finding: Finding) -> bool:
+    """Whether it is the IMU that is late."""
+    return finding.kind == "offset" and finding.late > 0.0 and finding.signals[0].partition(".")[0] in _IMU
 
 
 def _agreeing(relations: list[Relation]) -> set[str]:

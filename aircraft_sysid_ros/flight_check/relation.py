@@ -121,16 +121,18 @@ def lag_faults(
     prior: Mapping[str, float],
     stream_of: Callable[[str], str],
     together: Sequence[tuple[str, ...]] = (),
+    early: Mapping[str, float] | None = None,
 ) -> list[Fault]:
     """Times [s] by which the fewest streams are late; the signals of a fault are streams.
 
-    ``together``: streams of one device, which are late as one.
+    ``together``: streams of one device, which are late as one; ``early``: what their priors are times, where they are
+    early instead.
     """
     chosen = [r for r in relations if r.has_lag and r.comparison.is_sure]
     chosen = [r for r in chosen if abs(r.comparison.correlation) > LEAST_FOR_LAG]
     return _fewest(
         chosen, [r.lag for r in chosen], [r.comparison.lag for r in chosen], stream_of, prior, LEAST_LAG, _BARELY,
-        together,
+        together, early,
     )  # fmt: skip
 
 
@@ -143,13 +145,15 @@ def _fewest(
     least: float,
     barely: float,
     together: Sequence[tuple[str, ...]] = (),
+    negative: Mapping[str, float] | None = None,
 ) -> list[Fault]:
     """Faults t with t(first) - t(second) + t(divisor) within each relation's range: the cheapest set of up to three.
 
-    A fault costs FAULT times its prior, whatever its size, a relation outside its range its correlation. Within a set
-    the sizes are those of least absolute deviations (a linear programme); those reported fit the middles of the ranges,
-    and of two sets that cost the same it is the one that fits these better. Signals ``together`` are one fault, too.
-    A relation that is outside of its range by ``barely`` so much contradicts nothing.
+    A fault costs FAULT times its prior, and times that of ``negative`` sizes, whatever its size, a relation outside its
+    range its correlation. Within a set the sizes are those of least absolute deviations (a linear programme); those
+    reported fit the middles of the ranges, and of two sets that cost the same it is the one that fits these better.
+    Signals ``together`` are one fault, too. A relation that is outside of its range by ``barely`` so much contradicts
+    nothing.
     """
     low, high = np.array(ranges, dtype=np.float64).reshape(-1, 2).T
     broken = (low > barely) | (high < -barely)
@@ -166,6 +170,7 @@ def _fewest(
     nodes += groups
     weight = np.array([abs(r.comparison.correlation) for r in relations])
     price = FAULT * np.array([min(prior.get(member, 1.0) for member in node) for node in nodes])
+    dearer = np.array([max((negative or {}).get(member, 1.0) for member in node) - 1.0 for node in nodes])
     contradicted = np.any(rows[broken] != 0.0, axis=0)
     beside = np.any(rows[np.any(rows[:, contradicted] != 0.0, axis=1)] != 0.0, axis=0)  # equally wrong, perhaps
     said = weight * (broken + _BESIDE * ~broken) @ np.abs(rows)
@@ -180,6 +185,9 @@ def _fewest(
         if cost > cheapest + (_SAME_COST if best else -_SAME_COST):
             continue
         fitted, _ = _least_deviations(columns, np.array(middle), np.array(middle), 1.0 / (high - low))
+        cost += float(np.sum((dearer * price)[list(chosen)][fitted < 0.0]))
+        if cost > cheapest + (_SAME_COST if best else -_SAME_COST):
+            continue
         away = float(np.sum(np.abs(columns @ fitted - middle) / (high - low)))
         if cost < cheapest - _SAME_COST or away < misfit:
             best, cheapest, sizes, misfit = chosen, cost, fitted, away

@@ -138,6 +138,8 @@ CONTRADICTED = dict(
 )  # fmt: skip
 
 
+_IMU = ("accelerometers", "gyros")
+
 #: Sensors whose innovations alone are too large just now, by their numbers in a row. The IMU predicts all: where
 #: several have such, it is the IMU, or more than one of them.
 SUSPECTED = dict(
@@ -149,7 +151,8 @@ def contradiction_text(code: int) -> str:
     """Words for a value of ``StateField.CONTRADICTION``; empty for 0."""
     if code in SUSPECTED:
         return f"innovations of the {SUSPECTED[code]} are too large"
-    kinds = "sign, unit or scale" if CONTRADICTED.get(code) == "airspeed" else "sign, unit, axes or place"
+    of_sensor = {"airspeed": "sign, unit or scale"} | dict.fromkeys(_IMU, "sign, unit, axes, place or time")
+    kinds = of_sensor.get(CONTRADICTED.get(code, ""), "sign, unit, axes or place")
     return f"{kinds} of the {CONTRADICTED[code]} contradict the other sensors" if code else ""
 
 

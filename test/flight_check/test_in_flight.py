@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from aircraft_sysid_ros.after_flight.replay_notes import delay_notes
 from aircraft_sysid_ros.aircraft.atmosphere import air_density
 from aircraft_sysid_ros.aircraft.configuration import aircraft_from_dict
 from aircraft_sysid_ros.flight_check.in_flight import InFlightCheck
@@ -65,6 +66,31 @@ def test_what_is_wired_wrongly_is_named_within_a_minute_and_nothing_is_used(clea
     assert rows[-1, StateField.CONTRADICTION] == NUMBER[sensor]
     assert used(pipeline) == []
     assert any("reverse it" in words or "divide it by 57.2958" in words for words in pipeline.check.words)
+
+
+@pytest.mark.parametrize("rate", [1, 4])
+def test_an_imu_that_is_late_is_named_and_not_the_surfaces_and_nothing_is_used(clean, rate):
+    """By 0.1 s: in a flight by others a third of what the aileron does had been used, with a note about servos."""
+    late = Samples(clean.stamp + 100_000_000 * (clean.kind == Kind.IMU), clean.kind, clean.values)
+    imu = np.flatnonzero(late.kind == Kind.IMU)
+    late = late[np.setdiff1d(np.arange(len(late)), imu[np.arange(len(imu)) % rate != 0])]
+    pipeline, rows = flown(late[np.argsort(late.stamp, kind="stable")])
+    (words,) = pipeline.check.words
+    said = re.search(r"it comes ([\d.]+) s \(± ([\d.]+)\) later than ", words)
+    assert words.startswith("specific_force.{x,y,z}, angular_velocity.{x,y,z}: ") and said
+    assert float(said[1]) == pytest.approx(0.1, abs=float(said[2]) + 0.01)
+    text = contradiction_text(int(rows[-1, StateField.CONTRADICTION]))
+    assert text == "sign, unit, axes, place or time of the accelerometers contradict the other sensors"
+    assert used(pipeline) == []
+    assert delay_notes(pipeline.parameters, pipeline.check) == []
+
+
+@pytest.mark.parametrize("kinds", [(Kind.GPS_POSITION, Kind.GPS_VELOCITY), (Kind.CONTROLS,)])
+def test_what_others_are_late_by_is_not_laid_to_the_imu(clean, kinds):
+    late = Samples(clean.stamp + 100_000_000 * np.isin(clean.kind, kinds), clean.kind, clean.values)
+    pipeline, rows = flown(late[np.argsort(late.stamp, kind="stable")])
+    assert not pipeline.check.has_late_imu
+    assert not np.isin(rows[:, StateField.CONTRADICTION], list(CONTRADICTED)).any()
 
 
 def test_a_vane_out_on_the_wing_that_the_file_does_not_mention_is_named_and_nothing_is_used(clean):
