@@ -64,8 +64,8 @@ def check(
     """All laws over one flight.
 
     What contradicts itself is explained in passes: the gravest faults first, exchanged axes, then signs and units, then
-    times, then other factors; they are taken out and the rest is judged without them, and so is which parameters of ``model``
-    (default: the 32 of the textbook) the flight shows. ``progress`` is told the share done.
+    times, then other factors; they are taken out and the rest is judged without them, and so is which parameters of
+    ``model`` (default: the 32 of the textbook) the flight shows. ``progress`` is told the share done.
     """
     model = model or textbook_model()
     found = absence.findings(flight, model) + sampling.findings(flight) + values.findings(flight)

@@ -11,6 +11,7 @@ from aircraft_sysid_ros.aircraft.configuration import Aircraft
 from aircraft_sysid_ros.aircraft.earth import gravity
 from aircraft_sysid_ros.aircraft.frames import three
 from aircraft_sysid_ros.aircraft.sensor_settings import SENSOR_GROUPS
+from aircraft_sysid_ros.aircraft.unsaid_places import doubt_of_vanes
 from aircraft_sysid_ros.reconstruction.options import StateOptions
 from aircraft_sysid_ros.reconstruction.sensor_noise import believed_variance
 from aircraft_sysid_ros.reconstruction.state import GUST_STD, NO_GUIDE, Gate, Setup
@@ -118,6 +119,7 @@ def new_setup(
         imu_position=three(aircraft.imu_position),
         gps_from_imu=three(aircraft.gps_position - aircraft.imu_position),
         probe_from_imu=three(aircraft.air_data_position - aircraft.imu_position),
+        probe_doubt=three(doubt_of_vanes(aircraft)),
         declination=np.nan if declination is None else float(declination),
         minimum_airspeed=float(aircraft.minimum_airspeed),
         variance=variance,

@@ -20,7 +20,12 @@ from aircraft_sysid_ros.reconstruction.error_state import (
     turn_attitude_error,
 )
 from aircraft_sysid_ros.reconstruction.innovations import is_welcome, learns_from, note_what_is_left
-from aircraft_sysid_ros.reconstruction.measurements import air_velocity_at, outputs_of, residual_and_jacobian
+from aircraft_sysid_ros.reconstruction.measurements import (
+    air_velocity_at,
+    outputs_of,
+    residual_and_jacobian,
+    variance_of_place,
+)
 from aircraft_sysid_ros.reconstruction.sensor_noise import (
     SCALE,
     believed_variance,
@@ -77,7 +82,8 @@ def fuse(kind: int, values: Array, x: Array, p: Array, rate: Array, time: float,
     h, delta, residual, eta = update.h, update.delta, memory.residual[: outputs_of(kind)], memory.eta[: len(x)]
     eta[:] = x
     base = measurement_variance(kind, values, setup)
-    variance, learns = _variance_in_use(kind, base, setup, memory.noise), False
+    noise, learns = _variance_in_use(kind, base, setup, memory.noise), False
+    variance = noise + variance_of_place(kind, x, rate, setup)
     # with errors of the air data as states an update is one of what they show, in which they are linear
     is_linear = n > ERROR_SIZE and (kind == _AIRSPEED or kind == _ALPHA or kind == _BETA)
     for iteration in range(1 if is_linear else setup.maximum_iterations):
@@ -97,7 +103,7 @@ def fuse(kind: int, values: Array, x: Array, p: Array, rate: Array, time: float,
             return
         if iteration == 0:
             learns = learns_from(kind, values, base, x, setup, memory)
-            if not is_welcome(kind, time, x, residual, update, variance, base, learns, setup, memory):
+            if not is_welcome(kind, time, x, residual, update, noise, base, learns, setup, memory):
                 return
         change = move(p, residual, update)
         retract_into(x, delta, eta)

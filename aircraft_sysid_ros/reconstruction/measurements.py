@@ -106,6 +106,18 @@ def _air_data(kind: int, value: float, x: Array, rate: Array, setup: Setup, resi
 
 
 @njit(cache=True)
+def variance_of_place(kind: int, x: Array, rate: Array, setup: Setup) -> float:
+    """Variance of V, alpha or beta for not knowing where on a turning aircraft they are measured."""
+    if kind != _AIRSPEED and kind != _ALPHA and kind != _BETA:
+        return 0.0
+    bias = GYRO_BIAS.start
+    p, q, r = rate[0] - x[bias], rate[1] - x[bias + 1], rate[2] - x[bias + 2]
+    g, doubt = air_data_gradient(kind, air_velocity_at(x, rate, setup.probe_from_imu)), setup.probe_doubt
+    ahead, right, below = g[1] * r - g[2] * q, g[2] * p - g[0] * r, g[0] * q - g[1] * p  # of omega x one metre
+    return (ahead * doubt[0]) ** 2 + (right * doubt[1]) ** 2 + (below * doubt[2]) ** 2
+
+
+@njit(cache=True)
 def _gps(kind: int, values: Array, x: Array, rate: Array, setup: Setup, residual: Array, h: Array) -> int:
     w, i, j, k = attitude_of(x)
     c, place = rotation(w, i, j, k), setup.gps_from_imu

@@ -180,6 +180,7 @@ class Setup(NamedTuple):
     imu_position: Vector  # FRD from the centre of gravity [m]
     gps_from_imu: Vector
     probe_from_imu: Vector
+    probe_doubt: Vector  # one sigma of where it is, by the aircraft file [m]
     declination: float  # [rad], NaN: the magnetometer is not fused
     minimum_airspeed: float  # [m/s]
     variance: npt.NDArray[np.float64]  # (kinds, 3) of the measurement, from the aircraft file or its defaults

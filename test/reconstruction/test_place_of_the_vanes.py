@@ -1,0 +1,73 @@
+"""Vanes whose place no aircraft file has: what an innovation may be for that, and that it is of the expected size."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from aircraft_files import of_shape
+
+from aircraft_sysid_ros.aircraft.configuration import Aircraft, aircraft_from_dict
+from aircraft_sysid_ros.aircraft.frames import quaternion_from_euler
+from aircraft_sysid_ros.pipeline import Pipeline
+from aircraft_sysid_ros.reconstruction.measurements import residual_and_jacobian, variance_of_place
+from aircraft_sysid_ros.reconstruction.state import AIR_VELOCITY, ATTITUDE, ERROR_SIZE, STATE_SIZE, Setup
+from aircraft_sysid_ros.reconstruction.state_estimator import StateEstimator
+from aircraft_sysid_ros.samples import WIDTH, Kind
+from aircraft_sysid_ros.simulation.simulated_flight import simulate_samples
+
+RATE = np.array([0.8, -0.5, 0.6])
+
+
+def setup_of(aircraft: Aircraft) -> Setup:
+    estimator = StateEstimator(aircraft)
+    estimator._alignment.origin = np.array([0.8, -1.5, 300.0])
+    return estimator._new_setup(np.full(WIDTH, np.nan))
+
+
+def state() -> np.ndarray:
+    x = np.zeros(STATE_SIZE)
+    x[ATTITUDE] = quaternion_from_euler(0.4, 0.2, -1.0)
+    x[AIR_VELOCITY] = [18.0, 2.0, 1.5]
+    x[10:16] = 0.01
+    return x
+
+
+@pytest.mark.parametrize("kind", [Kind.AIRSPEED, Kind.ANGLE_OF_ATTACK, Kind.SIDESLIP])
+def test_the_variance_is_that_of_vanes_elsewhere(aircraft: Aircraft, kind: Kind) -> None:
+    setup, values = setup_of(of_shape(aircraft, places=False)), np.full(WIDTH, np.nan)
+    values[0] = 0.1
+
+    def innovation(place: np.ndarray) -> float:
+        residual, h = np.empty(1), np.empty((1, ERROR_SIZE))
+        moved = setup._replace(probe_from_imu=tuple(map(float, place)))
+        residual_and_jacobian(int(kind), values, state(), RATE, moved, residual, h)
+        return float(residual[0])
+
+    here, step = np.array(setup.probe_from_imu), 1e-4
+    slopes = [(innovation(here + step * e) - innovation(here - step * e)) / (2.0 * step) for e in np.eye(3)]
+    expected = float(np.sum(np.square(slopes) * np.square(setup.probe_doubt)))
+    assert expected > 0.0
+    assert variance_of_place(int(kind), state(), RATE, setup) == pytest.approx(expected, rel=1e-3)
+
+
+def test_what_is_said_leaves_no_doubt_and_other_sensors_have_none(aircraft: Aircraft) -> None:
+    said, silent = setup_of(aircraft), setup_of(of_shape(aircraft, places=False))
+    for kind in Kind:
+        is_of_vanes = kind in (Kind.AIRSPEED, Kind.ANGLE_OF_ATTACK, Kind.SIDESLIP)
+        assert variance_of_place(int(kind), state(), RATE, said) == 0.0
+        assert (variance_of_place(int(kind), state(), RATE, silent) > 0.0) == is_of_vanes
+
+
+@pytest.mark.parametrize("places", [True, False])
+def test_on_a_boom_that_no_file_mentions_innovations_are_as_large_as_they_may_be(
+    aircraft: Aircraft, places: bool
+) -> None:
+    """Their squares had been 1.36 of what the filter expected, and in the quick turns of a flight by others so large
+    that all was held, again and again."""
+    boom = aircraft_from_dict({**aircraft.source, "air_data_position": [0.35 * aircraft.span, 0.0, 0.0]})
+    pipeline = Pipeline(of_shape(boom, places=places))
+    pipeline.push(simulate_samples(boom, 401, 40.0).samples)
+    pipeline.flush()
+    consistency = pipeline.state.innovation_consistency()
+    assert 0.5 < consistency["sideslip"] < 1.1
+    assert 0.5 < consistency["angle_of_attack"] < 1.1
