@@ -56,7 +56,7 @@ JUDGING_2 = _drawn(950_000, 17, (*MISSED, *(effect for effect in EFFECTS if effe
 JUDGING_3 = _drawn(970_000, 17)
 
 #: Number of the rules that a flight was judged by, in its line; 1 where it has none. It rises with the next rules.
-RULES = 7
+RULES = 8
 
 RIGHT, IN_SET, LATER, UNEXPLAINED, NONE, WRONG = "first", "in its set", "later", "unexplained", "none", "wrong"
 
