@@ -23,7 +23,7 @@ from scipy.ndimage import gaussian_filter1d
 from scipy.special import stdtrit
 
 from aircraft_sysid_ros.after_flight.recorded_mass import recorded_mass
-from aircraft_sysid_ros.aircraft.atmosphere import STANDARD_GRAVITY, air_density
+from aircraft_sysid_ros.aircraft.atmosphere import GAS_CONSTANT, STANDARD_GRAVITY, air_density, temperature_at
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
 from aircraft_sysid_ros.diagnosis.model_versions.versions import folder_to_write, open_run
 from aircraft_sysid_ros.errors import InputError, echo
@@ -128,6 +128,8 @@ def drag_polar(
         aircraft = replace(aircraft, mass=mass)
     if not has_airspeed(run.samples):
         raise InputError("a drag polar needs airspeed, which was not measured")
+    if not _has_height(run.samples):
+        raise InputError("a drag polar needs the height: neither static pressure nor the position by GPS was recorded")
     method = _method(aircraft, run.samples, power, gliding)
     if not 0.0 <= idle <= _MOST_IDLE:
         raise InputError(f"the power of standing still must be from 0 to {_MOST_IDLE:g} W, not {idle:g}")
@@ -141,6 +143,14 @@ def drag_polar(
     write_json(folder / "polar.json", content)
     kept = {"file": str(folder / "polar.json"), "figure": figure}
     return {**content, **kept, "notes": [*run.notes, *_notes(method, idle), *notes]}
+
+
+def _has_height(samples: Samples) -> bool:
+    """Whether static pressure or GPS has told the height."""
+    return any(
+        np.isfinite(samples.values[samples.kind == kind, column]).any()
+        for kind, column in ((Kind.AIR, 1), (Kind.GPS_POSITION, 2))
+    )
 
 
 def _method(aircraft: Aircraft, samples: Samples, power: str | None, gliding: bool) -> str:
@@ -213,6 +223,17 @@ def _height(part: Samples, at: Array, density: Array) -> Array:
     return _smooth(part, Kind.GPS_POSITION, 2, at)
 
 
+def _density(part: Samples, at: Array) -> Array:
+    """Air density [kg/m^3] as it was measured, else that of the standard atmosphere at the static pressure, or at the
+    height of GPS."""
+    density, pressure = _smooth(part, Kind.AIR, 0, at), _smooth(part, Kind.AIR, 1, at)
+    if np.isfinite(density).any():
+        return density
+    if np.isfinite(pressure).any():
+        return np.asarray(pressure / (GAS_CONSTANT * temperature_at(pressure)))
+    return np.full(len(at), air_density(float(np.nanmedian(_smooth(part, Kind.GPS_POSITION, 2, at)))))
+
+
 def windows_of(aircraft: Aircraft, samples: Samples, method: str, power: str | None, idle: float) -> Windows:
     """Sums over windows of the flight in the air. Raises InputError where there is too little of it."""
     stretches = (
@@ -245,9 +266,7 @@ def _of_stretch(
     width = round(WINDOW / STEP)
     if len(at) < width + 2:
         return None
-    density = _smooth(part, Kind.AIR, 0, at)
-    if not np.isfinite(density).any():
-        density = np.full(len(at), air_density(float(np.nanmedian(_smooth(part, Kind.GPS_POSITION, 2, at)))))
+    density = _density(part, at)
     speed, height = _smooth(part, Kind.AIRSPEED, 0, at), _height(part, at, density)
     normal = -_smooth(part, Kind.IMU, 2, at)  # along z of the body, which is across the flow to within some per cent
     dynamic = 0.5 * density * speed**2 * aircraft.wing_area

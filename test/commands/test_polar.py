@@ -4,14 +4,19 @@ from __future__ import annotations
 
 import json
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from aircraft_sysid_ros.after_flight.drag_polar import GLIDING, POWER, Windows, fit, polar_json
+from aircraft_sysid_ros.after_flight import drag_polar as module
+from aircraft_sysid_ros.after_flight.drag_polar import GLIDING, POWER, Windows, drag_polar, fit, polar_json, windows_of
+from aircraft_sysid_ros.aircraft.atmosphere import pressures
 from aircraft_sysid_ros.commands.main import main
+from aircraft_sysid_ros.diagnosis.model_versions.versions import open_run
 from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.samples import Kind, Samples, concatenate
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks" / "makers"))
 
@@ -92,6 +97,26 @@ def test_from_a_table_to_the_polar(flown, pictures, capsys):
     assert main(["polar", run, "--power", "electric_power"]) == 0
     shown = capsys.readouterr().out
     assert "level flight at" in shown and "what avionics draw counts as power of propulsion" in shown
+
+
+def test_static_pressure_alone_tells_height_and_density(flown, monkeypatch):
+    """Without GPS it had been 0 s of windows with all signals."""
+    run, truth = flown
+    whole = open_run(run)
+    position = whole.samples[whole.samples.kind == Kind.GPS_POSITION]
+    bare = whole.samples[~np.isin(whole.samples.kind, (Kind.GPS_POSITION, Kind.AIR))]
+    values = np.full((len(position), bare.values.shape[1]), np.nan)
+    values[:, 1] = pressures(position.values[:, 2])
+    air = Samples(position.stamp, np.full(len(position), int(Kind.AIR), position.kind.dtype), values)
+    together = concatenate([bare, air])
+    samples = together[np.argsort(together.stamp, kind="stable")]
+    aircraft = whole.current.aircraft
+    found = fit(windows_of(aircraft, samples, POWER, "electric_power", truth["idle"]), POWER)
+    for name, value, std in zip(found.names, found.values, found.std, strict=True):
+        assert value == pytest.approx(truth[name], abs=4.0 * std, rel=0.0)
+    monkeypatch.setattr(module, "open_run", lambda _: replace(whole, samples=bare))
+    with pytest.raises(InputError, match="neither static pressure nor the position by GPS was recorded"):
+        drag_polar(run, lambda folder, content: ("", []), "electric_power")
 
 
 @pytest.mark.parametrize(

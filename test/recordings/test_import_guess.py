@@ -440,3 +440,16 @@ def test_where_no_name_says_anything_the_answer_is_what_to_write(tmp_path, capsy
     assert main(["import", str(tmp_path / "a.csv"), "--guess", str(tmp_path / "a.yaml")]) == 0
     out = capsys.readouterr().out
     assert "no name says what a column is" in out and "0 sure" not in out
+
+
+def test_days_of_a_spreadsheet_have_its_clock(tmp_path, capsys):
+    """Their unit had been sure, and import refused times outside of 1970 to 2038."""
+    seconds = np.arange(400) * 0.05
+    rows = [f"{45400.4 + t / 86400:.9f},{5.0 * np.sin(t):.3f},{-0.5:.3f}" for t in seconds]
+    (tmp_path / "log.csv").write_text("\n".join(["Time(days),P(deg/s),Q(deg/s)", *rows]) + "\n")
+    where = [str(tmp_path / name) for name in ("log.csv", "map.yaml", "bag")]
+    assert main(["import", where[0], "--guess", where[1]]) == 0
+    assert "clock: 1899-12-30T00:00:00Z  # days are counted as spreadsheets do" in Path(where[1]).read_text()
+    assert main(["import", where[0], "--map", where[1], "--out", where[2]]) == 0
+    stamps = np.sort(read_recording(where[2]).samples.stamp)
+    assert stamps[0] / 1e9 == pytest.approx((45400.4 - 25569.0) * 86400.0, abs=1e-3)  # 25569: 1970-01-01

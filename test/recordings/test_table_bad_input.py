@@ -253,3 +253,19 @@ def test_zero_bytes_of_a_recorder_that_lost_its_power_cost_their_row(tmp_path, c
     notes, count = imported_notes(tmp_path, capsys, table(*rows).encode())
     assert "flight.csv: 1 row without a time left out" in notes
     assert count == 60
+
+
+@pytest.mark.parametrize("cut", ["1.20", "1.2", "1.20,4", "1.20,4.5,"])
+def test_a_last_line_that_breaks_off_is_left_out_and_said(tmp_path, capsys, cut):
+    """Half a time went back by minutes, with the advice to sort the rows; half an airspeed of 75 was one of 7."""
+    content = table(*ROWS).encode() + cut.encode()
+    notes, count = imported_notes(tmp_path, capsys, content)
+    breaks_off = "flight.csv: it breaks off in the middle of its last line, which is left out"
+    assert (breaks_off in notes) == (cut.count(",") < 2)
+    assert count == 60 + (breaks_off not in notes)
+
+
+@pytest.mark.parametrize("end", ["", "\n", "\r\n"])
+def test_a_last_line_that_is_whole_is_taken_with_and_without_its_end(tmp_path, capsys, end):
+    notes, count = imported_notes(tmp_path, capsys, table(*ROWS).encode().strip() + end.encode())
+    assert count == 60 and not any("breaks off" in note for note in notes)

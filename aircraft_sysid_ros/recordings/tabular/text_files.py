@@ -24,6 +24,7 @@ _OF_TEXTS = ("csv", "tsv", "txt", "dat", "log")
 _CONTROL = re.compile("[\1-\10\16-\32]")  # no text has them
 _LONGEST_LINE = 1_000_000
 _LONGEST_LIST = 1 << 16  # bytes of a list of names
+_TAIL = 1 << 16  # bytes that show how the last lines end
 
 
 def text_tables(path: Path, name: str) -> tuple[str, list[Table]]:
@@ -65,14 +66,31 @@ class TextTable(Table):
     @property
     def said(self) -> list[str]:
         """See Table."""
-        rows = self._long_rows()
+        rows, cut = self._long_rows(), self._breaks_off()
+        found = ["it breaks off in the middle of its last line, which is left out"] if cut else []
         if not rows:
-            return []
+            return found
         many, which = (f"{len(rows)} rows have", "the first is data row") if rows[1:] else ("1 row has", "data row")
         return [
+            *found,
             f"{many} more cells than the table has columns, {which} {rows[0]}: the cells beyond are left out, "
-            "and where a separator too many stands before them the row is wrong"
+            "and where a separator too many stands before them the row is wrong",
         ]
+
+    def _breaks_off(self) -> bool:
+        """Whether the last line has no end, and fewer cells than the one before: its last number may be half of one."""
+        assert self.layout is not None
+        size = self.path.stat().st_size
+        if self.path.suffix.lower() == ".gz" or (size > _TAIL and self.encoding == "utf-16"):
+            return False
+        with self.path.open("rb") as file:
+            file.seek(max(0, size - _TAIL))
+            tail = file.read().decode(self.encoding, errors="replace")
+        lines = [line for line in tail.splitlines() if line.strip()]
+        if len(lines) < 3 or tail.endswith(("\n", "\r", "\0")):
+            return False
+        split = splitter(self.layout.separator)
+        return len(split(lines[-1])) < len(split(lines[-2]))
 
     def _long_rows(self) -> list[int]:
         """Rows of the data, from 1, with cells beyond the last column; the reader drops those and says nothing."""
@@ -113,8 +131,14 @@ class TextTable(Table):
                 **({"engine": "python"} if layout.separator == PROSE else {"engine": "c", "low_memory": False}),
             )
             with reader:
+                before = None
                 for frame in reader:
-                    yield [_without_zero_bytes(frame[i].to_numpy()) for i in positions]
+                    if before is not None:
+                        yield [_without_zero_bytes(before[i].to_numpy()) for i in positions]
+                    before = frame
+                if before is not None:
+                    last = before.iloc[:-1] if self._breaks_off() else before
+                    yield [_without_zero_bytes(last[i].to_numpy()) for i in positions]
         except (ValueError, OSError, EOFError) as error:  # ParserError is a ValueError
             raise InputError(f"{self.name} cannot be read: {error}") from None
 

@@ -27,6 +27,8 @@ from aircraft_sysid_ros.text_file import write_whole
 
 _ROWS, _CELLS = 400_000, 24_000_000  # that are looked at, of a table, at most
 _MOST_COLUMNS = 400
+#: Day 0 of spreadsheets.
+SPREADSHEET = "1899-12-30T00:00:00Z"
 
 
 @dataclass
@@ -278,7 +280,15 @@ def _clock(parts: list[TablePart]) -> str | None:
     timed = [part.time for part in parts if part.time is not None]
     if timed and all(time.is_unix for time in timed) and any(time.unit not in ("iso", "irig") for time in timed):
         return "utc"
+    if timed and all(time.unit == "days" and _counts_as_spreadsheets(time) for time in timed):
+        return SPREADSHEET
     return None
+
+
+def _counts_as_spreadsheets(time: TimeGuess) -> bool:
+    """Whether days are those since SPREADSHEET, from 1982 to 2064."""
+    first = float(np.nanmin(time.seconds)) / 86_400.0 if np.isfinite(time.seconds).any() else np.nan
+    return 30_000.0 < first < 60_000.0
 
 
 def _of_known_kind(
@@ -355,7 +365,8 @@ def map_text(first: FirstMap, source: Path) -> str:
     ]
     lines += [f"# {note}" for note in first.notes]
     if first.clock:
-        lines.append(f"clock: {first.clock}  # the times are Unix times")
+        why = "days are counted as spreadsheets do" if first.clock == SPREADSHEET else "the times are Unix times"
+        lines.append(f"clock: {first.clock}  # {why}")
     else:
         lines.append("# clock: 2024-05-31T14:05:00Z  # undecided: what time 0 is")
     lines.append("tables:")
