@@ -28,6 +28,9 @@ _HEADLINES = {
     NONE: "nothing is missing", MISSING: "an effect is missing", UNEXPLAINED: "something is unexplained",
 }  # fmt: skip
 
+#: How advice begins where something has size, and is refused for another reason.
+_NOT_SURELY = "Nothing is surely missing:"
+
 
 def headline(said: Mapping[str, Any]) -> str:
     """The answer in a few words, of the JSON that is said of a flight or of a part of it."""
@@ -41,6 +44,8 @@ def headline(said: Mapping[str, Any]) -> str:
         most = [axis for axis, of in said["left"].items() if of["error"] > THRESHOLDS.left_most]
         axes = listed([f"{axis[0]}_{axis[1]}" for axis in most or said["left"]])
         return f"nothing is named, and {'most' if most else 'part'} of {axes} is not explained"
+    if said["verdict"] == NONE and str(said.get("advice", "")).startswith(_NOT_SURELY):
+        return "nothing is surely missing"
     return _HEADLINES[said["verdict"]]
 
 
@@ -171,6 +176,7 @@ class FlightDiagnosis:
             "nested": _nested(finding),
             "found": finding in self.diagnosis.found,
             "refused": self._refusal(finding),
+            "ruled_out": bool(finding.impossible or finding.outdone_by),
         }
 
     def _refusal(self, finding: Finding) -> str:
@@ -291,7 +297,7 @@ class FlightDiagnosis:
         if self.diagnosis.left:
             return "Nothing is named:"
         if self._refused:
-            return "Nothing is surely missing:"
+            return _NOT_SURELY
         return "Nothing is missing that this flight could show:"
 
     def _nearest(self) -> Iterator[str]:

@@ -30,6 +30,7 @@ from aircraft_sysid_ros.commands.explain import _mode_line
 from aircraft_sysid_ros.commands.main import main
 from aircraft_sysid_ros.diagnosis.compare import compare
 from aircraft_sysid_ros.diagnosis.flight.reconstruction import reconstruct, settled_flight
+from aircraft_sysid_ros.diagnosis.words import headline
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.flight_check.check import Checked
 from aircraft_sysid_ros.flight_check.finding import ABSENT, Finding
@@ -270,6 +271,27 @@ def test_what_was_nearly_named_is_said_where_nothing_is():
     assert said["chance"] == said["often"] and said["chance"].startswith(
         "Nothing is missing that this flight could show"
     )
+
+
+def test_where_what_explains_most_cannot_be_it_something_else_is_there():
+    """A lift slope that steps at a speed, 26 % of the error of C_Z, p = 8e-9: "nothing is missing"."""
+    open_one = candidate("alpha_dot", "aerodynamic", found=False, p_value=8e-9, error_before=0.27, error_after=0.2,
+                         refused="its derivative of C_Z is none that it can have", ruled_out=True)  # fmt: skip
+    said = {}
+    others = {"chance": {"p_value": 0.2}, "small": {"error_after": 0.26}, "it is it": {"ruled_out": False}}
+    for name, more in {"open": {}, **others}.items():
+        diagnosis = {"candidates": [{**open_one, **more}], "advice": "", "unknown": {}}
+        said[name] = what_matters(Evidence(check_json(), diagnosis=diagnosis, **USED))[0].sentence
+    assert said.pop("open").startswith(
+        "Nothing is surely missing. alpha_dot would take 26 % of the error of C_Z, but its derivative of C_Z is none"
+    )
+    assert all(each.startswith("Nothing is missing that this flight could show") for each in said.values())
+
+
+def test_the_headline_does_not_say_more_than_the_advice():
+    said = {"verdict": "none", "advice": "Nothing is surely missing: alpha_dot would explain 26% of", "replicas": 20}
+    assert headline(said) == "nothing is surely missing"
+    assert headline({**said, "advice": "Nothing is missing that this flight could show: no"}) == "nothing is missing"
 
 
 def test_standard_errors_are_at_least_those_of_the_parameters(learnt):

@@ -273,7 +273,8 @@ def _nothing(evidence: Evidence) -> Said:
         return Said("nothing", f"Nothing in this log looks wrong, and {used} of {all_of_them} parameters can be used.")
     if evidence.diagnosis.get("unknown") or evidence.diagnosis.get("left"):
         return Said("unknown", str(evidence.diagnosis["advice"]))
-    if suspect := next(filter(_nearly_named, evidence.diagnosis["candidates"]), None):
+    candidates = evidence.diagnosis["candidates"]
+    if suspect := next(filter(_nearly_named, candidates), next(filter(_is_something_else, candidates), None)):
         axis = suspect["main_axis"]
         share = 100 * (1.0 - suspect["error_after"] / suspect["error_before"])
         return Said(
@@ -293,3 +294,10 @@ def _nearly_named(candidate: Mapping[str, Any]) -> bool:
     nested = candidate.get("nested")
     is_apart = nested is not None and 2 * nested["same"] <= nested["parts"] and bool(candidate["refused"])
     return is_apart and candidate["p_value"] < THRESHOLDS.verdict and bool(_fall(candidate))
+
+
+def _is_something_else(candidate: Mapping[str, Any]) -> bool:
+    """Significant and of a size, but ruled out by its own physics: what is there has no name."""
+    if not candidate.get("ruled_out") or candidate["p_value"] >= THRESHOLDS.verdict:
+        return False
+    return bool(candidate["error_after"] <= (1.0 - THRESHOLDS.size) * candidate["error_before"])
