@@ -16,9 +16,9 @@ from typing import Any
 
 from rich.progress import Progress
 
+from aircraft_sysid_ros.after_flight.delay_notes import delay_notes
 from aircraft_sysid_ros.after_flight.replay_notes import (
     air_data_error_notes,
-    delay_notes,
     estimator_notes,
     flight_notes,
     place_notes,

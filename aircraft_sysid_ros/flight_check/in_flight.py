@@ -19,6 +19,7 @@ from aircraft_sysid_ros.aircraft.configuration import Aircraft
 from aircraft_sysid_ros.aircraft.named_inputs import NamedInput
 from aircraft_sysid_ros.aircraft.unsaid_places import roll_that_shows
 from aircraft_sysid_ros.flight_check.check import contradictions
+from aircraft_sysid_ros.flight_check.explain import stream_of
 from aircraft_sysid_ros.flight_check.finding import ERROR, WARNING, Finding, short_names
 from aircraft_sysid_ros.flight_check.laws import vane_place
 from aircraft_sysid_ros.flight_check.laws.vane_place import Vane
@@ -63,7 +64,6 @@ _SENSORS = {
     "angle_of_attack": "angle of attack", "sideslip": "sideslip", "static_pressure": "static pressure",
 }  # fmt: skip
 
-_IMU = ("specific_force", "angular_velocity")
 _STATIC_PRESSURE = next(code for code, sensor in CONTRADICTED.items() if sensor == "static pressure")
 _AIRSPEED = next(code for code, sensor in CONTRADICTED.items() if sensor == "airspeed")
 #: Statuses of a state whose height rests on GPS.
@@ -331,7 +331,7 @@ def _matters(finding: Finding) -> bool:
 
 def _is_late_imu(finding: Finding) -> bool:
     """Whether it is the IMU that is late."""
-    return finding.kind == "offset" and finding.late > 0.0 and finding.signals[0].partition(".")[0] in _IMU
+    return finding.kind == "offset" and finding.late > 0.0 and stream_of(finding.signals[0]) == "imu"
 
 
 def _agreeing(relations: list[Relation]) -> set[str]:

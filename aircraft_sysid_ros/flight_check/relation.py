@@ -159,15 +159,7 @@ def _fewest(
     broken = (low > barely) | (high < -barely)
     if not broken.any():
         return []
-    nodes: list[tuple[str, ...]] = [(n,) for n in sorted({name(s) for r in relations for s in _names(r)})]
-    rows = np.zeros((len(relations), len(nodes)))
-    for row, relation in zip(rows, relations, strict=True):
-        for signal, way in ((relation.first, 1.0), (relation.second, -1.0), (relation.divisor, 1.0)):
-            if signal:
-                row[nodes.index((name(signal),))] += way
-    groups = [group for group in together if all((member,) in nodes for member in group)]
-    rows = np.hstack([rows, *(rows[:, [nodes.index((m,)) for m in g]].sum(axis=1, keepdims=True) for g in groups)])
-    nodes += groups
+    nodes, rows = _nodes(relations, name, together)
     weight = np.array([abs(r.comparison.correlation) for r in relations])
     price = FAULT * np.array([min(prior.get(member, 1.0) for member in node) for node in nodes])
     dearer = np.array([max((negative or {}).get(member, 1.0) for member in node) - 1.0 for node in nodes])
@@ -182,11 +174,12 @@ def _fewest(
         if fixed > cheapest:
             continue
         cost = fixed + float(weight @ _least_deviations(columns, low, high, weight)[1])
-        if cost > cheapest + (_SAME_COST if best else -_SAME_COST):
+        limit = cheapest + (_SAME_COST if best else -_SAME_COST)
+        if cost > limit:
             continue
         fitted, _ = _least_deviations(columns, np.array(middle), np.array(middle), 1.0 / (high - low))
         cost += float(np.sum((dearer * price)[list(chosen)][fitted < 0.0]))
-        if cost > cheapest + (_SAME_COST if best else -_SAME_COST):
+        if cost > limit:
             continue
         away = float(np.sum(np.abs(columns @ fitted - middle) / (high - low)))
         if cost < cheapest - _SAME_COST or away < misfit:
@@ -198,6 +191,21 @@ def _fewest(
             evidence = sorted(map(int, np.flatnonzero(its)), key=lambda i: (not broken[i], high[i] - low[i]))
             found.append(Fault(member, float(size), tuple(relations[i] for i in evidence)))
     return found
+
+
+def _nodes(
+    relations: Sequence[Relation], name: Callable[[str], str], together: Sequence[tuple[str, ...]]
+) -> tuple[list[tuple[str, ...]], Array]:
+    """What may be wrong, by ``name`` and groups of them, and how each enters each relation (relations, nodes)."""
+    nodes: list[tuple[str, ...]] = [(n,) for n in sorted({name(s) for r in relations for s in _names(r)})]
+    rows = np.zeros((len(relations), len(nodes)))
+    for row, relation in zip(rows, relations, strict=True):
+        for signal, way in ((relation.first, 1.0), (relation.second, -1.0), (relation.divisor, 1.0)):
+            if signal:
+                row[nodes.index((name(signal),))] += way
+    groups = [group for group in together if all((member,) in nodes for member in group)]
+    rows = np.hstack([rows, *(rows[:, [nodes.index((m,)) for m in g]].sum(axis=1, keepdims=True) for g in groups)])
+    return nodes + groups, rows
 
 
 def _sets(suspects: Sequence[int], nodes: Sequence[tuple[str, ...]]) -> Iterator[tuple[int, ...]]:

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from aircraft_sysid_ros.after_flight.replay_notes import delay_notes
+from aircraft_sysid_ros.after_flight.delay_notes import delay_notes
 from aircraft_sysid_ros.aircraft.atmosphere import air_density
 from aircraft_sysid_ros.aircraft.configuration import aircraft_from_dict
 from aircraft_sysid_ros.flight_check.in_flight import InFlightCheck

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from aircraft_files import of_shape
 
-from aircraft_sysid_ros.after_flight.replay_notes import delay_notes
+from aircraft_sysid_ros.after_flight.delay_notes import delay_notes
 from aircraft_sysid_ros.aircraft.configuration import Aircraft, aircraft_from_dict
 from aircraft_sysid_ros.identification.coefficients.layout import SIGNALS_OF_SAMPLE
 from aircraft_sysid_ros.identification.identifier import Identifier

@@ -6,6 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from filter_setups import setup_of
 from scipy.optimize import least_squares
 
 from aircraft_sysid_ros.aircraft.frames import (
@@ -21,7 +22,6 @@ from aircraft_sysid_ros.reconstruction.fusion import fuse
 from aircraft_sysid_ros.reconstruction.measurements import residual_and_jacobian
 from aircraft_sysid_ros.reconstruction.options import StateOptions
 from aircraft_sysid_ros.reconstruction.state import AIR_VELOCITY, ATTITUDE, ERROR_SIZE, STATE_SIZE, Setup, new_memory
-from aircraft_sysid_ros.reconstruction.state_estimator import StateEstimator
 from aircraft_sysid_ros.samples import WIDTH, Kind
 
 RATE = np.array([0.3, -0.2, 0.5])
@@ -31,10 +31,7 @@ NONLINEAR = [Kind.AIRSPEED, Kind.ANGLE_OF_ATTACK, Kind.SIDESLIP, Kind.MAGNETIC_F
 @pytest.fixture(scope="module")
 def setup(aircraft) -> Setup:
     """As in flight, with a gate that lets everything through."""
-    estimator = StateEstimator(aircraft)
-    estimator._alignment.origin = np.array([0.8, -1.5, 300.0])
-    found = estimator._new_setup(np.full(WIDTH, np.nan))
-    return found._replace(gate=(np.inf,) * 4)
+    return setup_of(aircraft)._replace(gate=(np.inf,) * 4)
 
 
 def prior() -> tuple[np.ndarray, np.ndarray]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from filter_setups import setup_of
 
 from aircraft_sysid_ros.aircraft.configuration import Aircraft, aircraft_from_dict
 from aircraft_sysid_ros.aircraft.frames import (
@@ -18,7 +19,6 @@ from aircraft_sysid_ros.reconstruction.error_state import retract
 from aircraft_sysid_ros.reconstruction.measurements import residual_and_jacobian
 from aircraft_sysid_ros.reconstruction.process import add_process_noise, propagate_state, transition_matrix
 from aircraft_sysid_ros.reconstruction.state import ATTITUDE, ERROR_SIZE, STATE_SIZE, Setup
-from aircraft_sysid_ros.reconstruction.state_estimator import StateEstimator
 from aircraft_sysid_ros.reconstruction.state_row import wind_jacobian, wind_of
 from aircraft_sysid_ros.samples import GPS_NED, WIDTH, Kind
 
@@ -46,9 +46,7 @@ def aircraft() -> Aircraft:
 
 @pytest.fixture(scope="module")
 def setup(aircraft: Aircraft) -> Setup:
-    estimator = StateEstimator(aircraft)
-    estimator._alignment.origin = np.array([0.8, -1.5, 300.0])
-    return estimator._new_setup(np.full(WIDTH, np.nan))
+    return setup_of(aircraft)
 
 
 def random_state(seed: int, pitch: float) -> np.ndarray:

@@ -5,23 +5,17 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from aircraft_files import of_shape
+from filter_setups import setup_of
 
 from aircraft_sysid_ros.aircraft.configuration import Aircraft, aircraft_from_dict
 from aircraft_sysid_ros.aircraft.frames import quaternion_from_euler
 from aircraft_sysid_ros.pipeline import Pipeline
 from aircraft_sysid_ros.reconstruction.measurements import residual_and_jacobian, variance_of_place
-from aircraft_sysid_ros.reconstruction.state import AIR_VELOCITY, ATTITUDE, ERROR_SIZE, STATE_SIZE, Setup
-from aircraft_sysid_ros.reconstruction.state_estimator import StateEstimator
+from aircraft_sysid_ros.reconstruction.state import AIR_VELOCITY, ATTITUDE, ERROR_SIZE, STATE_SIZE
 from aircraft_sysid_ros.samples import WIDTH, Kind
 from aircraft_sysid_ros.simulation.simulated_flight import simulate_samples
 
 RATE = np.array([0.8, -0.5, 0.6])
-
-
-def setup_of(aircraft: Aircraft) -> Setup:
-    estimator = StateEstimator(aircraft)
-    estimator._alignment.origin = np.array([0.8, -1.5, 300.0])
-    return estimator._new_setup(np.full(WIDTH, np.nan))
 
 
 def state() -> np.ndarray:

@@ -7,6 +7,7 @@ import itertools
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import IO, Any
 
@@ -66,8 +67,8 @@ class TextTable(Table):
     @property
     def said(self) -> list[str]:
         """See Table."""
-        rows, cut = self._long_rows(), self._breaks_off()
-        found = ["it breaks off in the middle of its last line, which is left out"] if cut else []
+        rows = self._long_rows()
+        found = ["it breaks off in the middle of its last line, which is left out"] if self._breaks_off else []
         if not rows:
             return found
         many, which = (f"{len(rows)} rows have", "the first is data row") if rows[1:] else ("1 row has", "data row")
@@ -77,6 +78,7 @@ class TextTable(Table):
             "and where a separator too many stands before them the row is wrong",
         ]
 
+    @cached_property  # each reading of columns asks
     def _breaks_off(self) -> bool:
         """Whether the last line has no end, and fewer cells than the one before: its last number may be half of one."""
         assert self.layout is not None
@@ -131,14 +133,9 @@ class TextTable(Table):
                 **({"engine": "python"} if layout.separator == PROSE else {"engine": "c", "low_memory": False}),
             )
             with reader:
-                before = None
-                for frame in reader:
-                    if before is not None:
-                        yield [_without_zero_bytes(before[i].to_numpy()) for i in positions]
-                    before = frame
-                if before is not None:
-                    last = before.iloc[:-1] if self._breaks_off() else before
-                    yield [_without_zero_bytes(last[i].to_numpy()) for i in positions]
+                for frame, after in itertools.pairwise(itertools.chain(reader, [None])):
+                    whole = frame.iloc[:-1] if after is None and self._breaks_off else frame
+                    yield [_without_zero_bytes(whole[i].to_numpy()) for i in positions]
         except (ValueError, OSError, EOFError) as error:  # ParserError is a ValueError
             raise InputError(f"{self.name} cannot be read: {error}") from None
 
