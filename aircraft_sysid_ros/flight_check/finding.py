@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-KINDS = ("rate", "gap", "jitter", "held", "saturated", "unit", "sign", "offset", "scale", "noise", "missing")
+OF_SAMPLING = ("rate", "gap", "jitter")
+KINDS = (*OF_SAMPLING, "held", "saturated", "unit", "sign", "offset", "scale", "noise", "missing")
 ERROR, WARNING, INFO = "error", "warning", "info"
 SEVERITIES = (ERROR, WARNING, INFO)
 #: How a sentence begins of a stream that is as late as another; a signal of that follows, and a comma.

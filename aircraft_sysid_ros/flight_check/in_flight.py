@@ -129,7 +129,9 @@ class InFlightCheck:
         self._over = False
 
     def finish(self, epoch: int | None) -> None:
-        """The flight is over: the place of the vane by all of it, where it is not known yet."""
+        """The flight is over: the place of the vane by all of it, where it is not known yet, and small errors."""
+        if self._triangle is not None:
+            self._triangle.finish()
         if epoch is None or self._over or self._flown < SHORTEST * NANOSECONDS:
             return
         if self._flown >= FIRST * NANOSECONDS:

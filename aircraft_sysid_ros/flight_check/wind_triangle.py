@@ -19,6 +19,9 @@ The scale may have changed meanwhile. Of times that are asked, those where the e
 one is taken that leaves least, if that is less by CHANGE (twice the logarithm of a likelihood ratio); the wind may leap
 with it (LEAP), since a front does, so that a leap alone is no scale. It is right again where the other bound says, by
 RIGHT standard errors, that it is nearer to 1 than to what it was.
+
+Less than TOLERANCE holds nothing. At the end of a flight it is told where both bounds are on one side of 1 by SMALL and
+SURE standard errors: forces and wind are off with it, and no standard error of theirs counts that.
 """
 
 from __future__ import annotations
@@ -43,6 +46,7 @@ MEMORY, LOOK, EVERY, KNOTS, LEAST = 180, 5, 20, 45.0, 45
 WALK, GRADIENT, LEAP, WIND, TAU = 0.15, 0.03, 4.0, 15.0, 20.0
 #: See above.
 CHANGE, TOLERANCE, SURE, RIGHT = 16.0, 0.05, 3.5, 2.0
+SMALL = 0.02
 #: One sigma of the scale of a sensor that nobody knows, and of one that was sound.
 _ANY, _SOUND = 0.5, 0.03
 #: Gusts and noise [m/s] are never less; seconds after which gusts differ; outliers count less from so many sigma on.
@@ -316,6 +320,7 @@ class WindTriangle:
         self._minimum_airspeed = minimum_airspeed
         self.readings: list[Reading] = []  # that were wrong, the newest last
         self.newest: list[tuple[float, float, int]] = []  # what both bounds said at the last look, see ``scale_of``
+        self._small: Finding | None = None  # an error within the tolerance, once the flight is over
         self.restart()
 
     def restart(self) -> None:
@@ -333,7 +338,25 @@ class WindTriangle:
     @property
     def findings(self) -> tuple[Finding, ...]:
         """All that was found in the flight, the newest first."""
-        return tuple(reading.finding for reading in reversed(self.readings))
+        return tuple(reading.finding for reading in reversed(self.readings)) or (self._small,) * bool(self._small)
+
+    def finish(self) -> None:
+        """The flight is over: an error that is sure and small, where none was larger."""
+        if not self.newest or self.readings:
+            return
+        scales, stds, _ = (np.array(each, dtype=np.float64) for each in zip(*self.newest, strict=True))
+        nearest = float(np.min(np.abs(scales - 1.0) - SURE * stds))
+        if not (nearest > SMALL and (scales[0] > 1.0) == (scales[1] > 1.0)):
+            return
+        scale, std = float(np.mean(scales)), float(np.hypot(np.max(stds), 0.5 * np.ptp(scales)))
+        speed = float(np.median(self._flown[:, _SPEED]))
+        sentence = (
+            f"it reads {scale:.3f} ± {std:.3f} of what GPS and wind say: the wind that it makes is off by about "
+            f"{abs(1.0 / scale - 1.0) * speed:.1f} m/s and every coefficient by {100.0 * abs(scale**-2 - 1.0):.0f} %, "
+            "which their standard errors do not count: calibrate it, or set the scale of the airspeed in the aircraft "
+            "file"
+        )
+        self._small = Finding(("true_airspeed",), "scale", WARNING, sentence)
 
     def add(self, samples: Samples) -> None:
         """Samples in order of time."""

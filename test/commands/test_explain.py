@@ -119,6 +119,8 @@ def test_what_the_flight_showed_of_a_sensor_is_said_where_the_check_of_the_log_s
     assert said[0].sentence == "The log is wrong in true_airspeed: it reads 0.83 ± 0.03."
     known = check_json(("true_airspeed", "unit", "error", "it is in knots"))
     assert _with_flight(known, {"findings": [leaks]}, [])["findings"] == known["findings"], "each signal once"
+    gaps = check_json(("true_airspeed", "gap", "warning", "2 gaps of up to 8 s"))
+    assert _with_flight(gaps, {"findings": [leaks]}, [])["findings"][-1] == leaks, "samples that are lost are no scale"
     scale = SimpleNamespace(signal="true_airspeed")
     assert _with_flight(check_json(), {"findings": [leaks]}, [scale])["findings"] == []
 

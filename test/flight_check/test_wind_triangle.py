@@ -27,7 +27,7 @@ START = 1_700_000_000 * SECOND + 123_456_789
 AIRSPEED_CODE = next(code for code, sensor in CONTRADICTED.items() if sensor == "airspeed")
 
 
-def flown(seed, duration=240.0, scale=np.ones_like, turn=10.0, gust=0.5, climb=0.0, front=0.0):
+def flown(seed, duration=240.0, scale=np.ones_like, turn=10.0, gust=0.5, climb=0.0, front=0.0, speed=18.0):
     """Samples of GPS at 5 Hz and airspeed at 20 Hz: circles of ``turn`` [deg/s], every other minute straight.
 
     The wind wanders, shears with height (``climb`` [m/s]), has gusts and a ``front`` [m/s] in the middle; gusts are in
@@ -42,11 +42,11 @@ def flown(seed, duration=240.0, scale=np.ones_like, turn=10.0, gust=0.5, climb=0
     for i in range(1, len(time)):
         gusts[i] = gusts[i - 1] * (1.0 - 0.05 / 15.0) + gust * np.sqrt(0.1 / 15.0) * rng.normal()
         along[i] = along[i - 1] + 0.05 / 10.0 * (gusts[i] - along[i - 1])  # of the gust, what the aeroplane follows
-    still = 18.0 + 1.5 * np.sin(2.0 * np.pi * time / 70.0)
+    still = speed + 1.5 * np.sin(2.0 * np.pi * time / 70.0)
     heading = np.column_stack([np.cos(course), np.sin(course)])
-    speed = still + gusts - along  # against the air: a gust from ahead is more at once
+    airspeed = still + gusts - along  # against the air: a gust from ahead is more at once
     velocity = np.column_stack([heading * (still - along)[:, None] + slow, np.full(len(time), -climb)])
-    shown = scale(time) * np.sqrt(speed**2 + climb**2) + 0.3 * rng.normal(size=len(time))
+    shown = scale(time) * np.sqrt(airspeed**2 + climb**2) + 0.3 * rng.normal(size=len(time))
     stamps = START + np.rint(time * SECOND).astype(np.int64)
     fixes = velocity[::4] + 0.1 * rng.normal(size=(len(time[::4]), 3))
     both = concatenate([samples_of(Kind.AIRSPEED, stamps, shown), samples_of(Kind.GPS_VELOCITY, stamps[::4], fixes)])
@@ -93,6 +93,22 @@ def test_a_scale_from_the_beginning_and_one_that_grows_by_a_per_cent_a_minute():
     assert always.is_wrong and always.readings[0].since == pytest.approx(0.0, abs=1.0)
     icing, _ = watched(flown(7, 1200.0, scale=lambda t: 1.0 - 0.01 * t / 60.0))
     assert icing.is_wrong and 0.8 < icing.readings[0].scale < 1.0 - TOLERANCE
+
+
+@pytest.mark.parametrize("factor", [0.96, 1.0, 1.04])
+def test_an_error_within_the_tolerance_holds_nothing_and_is_told_at_the_end_where_it_is_sure(factor):
+    for seed in range(3):
+        triangle, _ = watched(flown(seed, scale=lambda t: factor * np.ones_like(t), speed=90.0))
+        assert triangle.findings == () and not triangle.is_wrong
+        triangle.finish()
+        if factor == 1.0:
+            assert triangle.findings == ()
+            continue
+        (finding,) = triangle.findings
+        scale, std = (float(word) for word in finding.sentence.split(" of what ")[0].split("reads ")[1].split(" ± "))
+        assert finding.severity == WARNING and abs(scale - factor) < 3.0 * std and std < 0.02
+        told = float(finding.sentence.split("every coefficient by ")[1].split(" %")[0])
+        assert told == pytest.approx(100.0 * abs(factor**-2 - 1.0), abs=2.0)
 
 
 def test_without_a_turn_nothing_is_said_and_what_is_wrong_is_not_released():

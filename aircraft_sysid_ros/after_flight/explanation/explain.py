@@ -31,7 +31,7 @@ from aircraft_sysid_ros.aircraft.configuration import Aircraft, load_aircraft
 from aircraft_sysid_ros.diagnosis.significance.parametric_bootstrap import COUNT
 from aircraft_sysid_ros.effects.effect import MEASUREMENT
 from aircraft_sysid_ros.errors import InputError
-from aircraft_sysid_ros.flight_check.finding import ABSENT, ERROR, INFO, Finding, joined, short_names
+from aircraft_sysid_ros.flight_check.finding import ABSENT, ERROR, INFO, OF_SAMPLING, Finding, joined, short_names
 from aircraft_sysid_ros.flight_check.signals import COMMANDED
 from aircraft_sysid_ros.reconstruction.options import StateOptions
 from aircraft_sysid_ros.recordings.autopilot_log import NO_SURFACES
@@ -210,9 +210,10 @@ def _with_flight(
     """What the check of the log says, and what the flight showed of signals of which nothing else says anything.
 
     A pitot that leaks from one moment on is found in flight; over the whole log it is neither right nor wrong. One that
-    is wrong by the same in all of it is an instrument with an error, which is told better with all of it.
+    is wrong by the same in all of it is an instrument with an error, which is told better with all of it. Samples
+    that are lost say nothing of the others.
     """
-    said = {finding["signal"] for finding in check["findings"] if finding["severity"] != INFO}
+    said = {f["signal"] for f in check["findings"] if f["severity"] != INFO and f["kind"] not in OF_SAMPLING}
     said |= {error.signal for error in instruments}
     more = [finding for finding in replayed["findings"] if finding["signal"] not in said]
     return {**check, "findings": [*check["findings"], *more]}
