@@ -338,7 +338,8 @@ class WindTriangle:
     @property
     def findings(self) -> tuple[Finding, ...]:
         """All that was found in the flight, the newest first."""
-        return tuple(reading.finding for reading in reversed(self.readings)) or (self._small,) * bool(self._small)
+        small = () if self._small is None else (self._small,)
+        return tuple(reading.finding for reading in reversed(self.readings)) or small
 
     def finish(self) -> None:
         """The flight is over: an error that is sure and small, where none was larger."""

@@ -18,6 +18,7 @@ from aircraft_sysid_ros.recordings.tabular.guess.known_kinds import known_lines
 from aircraft_sysid_ros.recordings.tabular.guess.known_line import KnownLine
 from aircraft_sysid_ros.recordings.tabular.guess.manoeuvre_tables import joined_manoeuvres
 from aircraft_sysid_ros.recordings.tabular.guess.names import TIME, guess_name
+from aircraft_sysid_ros.recordings.tabular.guess.quaternions import quaternion_columns
 from aircraft_sysid_ros.recordings.tabular.guess.resolve import resolve
 from aircraft_sysid_ros.recordings.tabular.guess.series import Column
 from aircraft_sysid_ros.recordings.tabular.guess.times import TimeGuess, guess_time, why_no_time
@@ -93,8 +94,8 @@ def guess_map(path: Path, mapping: ServoMapping | None = None) -> FirstMap:
             notes.append(why_no_time(table, content))
         part = TablePart(file, time)
         parts.append(part)
-        named = _named_columns(table, content, time) if time is not None else []
-        taken = {column.name for column in named} | ({time.column} if time is not None else set())
+        named, of_quaternion = _named_columns(table, content, time) if time is not None else ([], set())
+        taken = {column.name for column in named} | of_quaternion | ({time.column} if time is not None else set())
         part.unmapped = [name for name in table.columns if name and name not in taken]
         columns += [(part, column) for column in named]
     _count_as_import(parts, columns)
@@ -112,7 +113,7 @@ def guess_map(path: Path, mapping: ServoMapping | None = None) -> FirstMap:
                 Line(
                     column.signal,
                     column.name,
-                    "",
+                    column.expression,
                     column.said_unit or "?",
                     column.custom,
                     0.0,
@@ -230,7 +231,10 @@ def _content(table: Table) -> dict[str, npt.NDArray[Any]]:
     return next((piece for piece in pieces if piece is not None), {})
 
 
-def _named_columns(table: Table, content: dict[str, npt.NDArray[Any]], time: TimeGuess) -> list[Column]:
+def _named_columns(
+    table: Table, content: dict[str, npt.NDArray[Any]], time: TimeGuess
+) -> tuple[list[Column], set[str]]:
+    """Columns whose names say what they are, and the names of four that are a quaternion."""
     found = []
     for name, raw in content.items():
         if name == time.column or len(raw) != len(time.seconds):
@@ -254,7 +258,8 @@ def _named_columns(table: Table, content: dict[str, npt.NDArray[Any]], time: Tim
                 guess.distance,
             )
         )
-    return found
+    angles, four = quaternion_columns(table.name, content, time.seconds, found)
+    return [*(column for column in found if column.name not in four), *angles], four
 
 
 def _best_by_signal(columns: list[tuple[TablePart, Column]]) -> dict[str, Column]:

@@ -10,6 +10,7 @@ import numpy as np
 
 from aircraft_sysid_ros.mavlink.servo_mapping import ServoMapping
 from aircraft_sysid_ros.recordings.tabular.guess.known_line import KnownLine
+from aircraft_sysid_ros.recordings.tabular.guess.quaternions import euler_expressions
 from aircraft_sysid_ros.recordings.tabular.guess.servo_lines import calibrated, outputs_topic, uncalibrated
 from aircraft_sysid_ros.recordings.tabular.source import Source
 from aircraft_sysid_ros.recordings.tabular.table import Table, numbers
@@ -33,11 +34,11 @@ def _vector(
 
 
 def _attitude(w: str, x: str, y: str, z: str) -> list[KnownLine]:
-    """Euler angles (6.20)-(6.22) of a quaternion FRD to NED."""
+    """Euler angles of a quaternion FRD to NED."""
+    names = ("roll", "pitch", "yaw")
     return [
-        KnownLine("attitude.roll", "", "rad", expression=f"atan2(2*({w}*{x}+{y}*{z}), 1-2*({x}**2+{y}**2))"),
-        KnownLine("attitude.pitch", "", "rad", expression=f"asin(max(-1, min(1, 2*({w}*{y}-{x}*{z}))))"),
-        KnownLine("attitude.yaw", "", "rad", expression=f"atan2(2*({w}*{z}+{x}*{y}), 1-2*({y}**2+{z}**2))"),
+        KnownLine(f"attitude.{name}", "", "rad", expression=text)
+        for name, text in zip(names, euler_expressions(w, x, y, z), strict=True)
     ]
 
 
