@@ -6,24 +6,23 @@ import numpy as np
 
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
 from aircraft_sysid_ros.aircraft.sensor_settings import CONTROLS
-from aircraft_sysid_ros.flight_check.in_flight import InFlightCheck
 from aircraft_sysid_ros.identification.identifier import Identifier
 
 #: So probable is one way of being late where the other is not named.
 _SURE_OF_WAY = 0.95
 
 
-def delay_notes(parameters: Identifier, check: InFlightCheck) -> list[str]:
+def delay_notes(parameters: Identifier) -> list[str]:
     """By how much motion is recorded after the surfaces that make it, where the flight shows it.
 
-    Nothing where the ``check`` says that the IMU is late, which is of all that is compared with motion.
+    Nothing where the IMU is late, which is of all that is compared with motion.
     """
-    if check.has_late_imu:
+    if parameters.learning.imu_is_late:
         return []
     sensors = parameters.learning.undescribed
     if (contradicted := sensors.contradicted) is not None:
         return [_contradicted(parameters.aircraft, *contradicted)]
-    found, late = sensors.late_surfaces, sensors.late_motion
+    found, late = parameters.learning.late_surfaces, sensors.late_motion
     if not found or late is None:
         return []
     size = f"{1e3 * abs(late.time):.0f} ± {1e3 * 2.0 * float(np.sqrt(late.variance)):.0f} ms"

@@ -87,7 +87,7 @@ def replay(
         position = aircraft.source["air_data_position"]
         result["notes"].insert(0, _taken_there(position, bool(options.learn_sensors)))
     if options.learn_sensors:
-        late = {} if pipeline.check.has_late_imu else pipeline.parameters.learning.undescribed.late_surfaces
+        late = pipeline.parameters.learning.late_surfaces
         learnt = completed_file(pipeline.state, late, pipeline.check.vane_place)
         _write_aircraft(Path(options.learn_sensors), learnt, options.overwrite)
     return result
@@ -113,6 +113,7 @@ def _flown(
         begin = None if options.stage_1 is None else start_by_stage_1(recording.samples, aircraft, options.stage_1)
         feed(pipeline, recording.samples, writer, begin, tell)
         pipeline.check.finish(pipeline.state.epoch)
+        pipeline.parameters.learning.imu_is_late = pipeline.check.has_late_imu
         if not pipeline.state.has_been_aligned:
             raise InputError(f"nothing is written, since the filter never started: {why_no_start(pipeline.state)}")
         if not options.as_live and pipeline.check.vane_place is not None:

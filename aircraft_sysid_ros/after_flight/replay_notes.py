@@ -81,7 +81,7 @@ def notes(body: Body, pipeline: Pipeline, writer: RunWriter) -> list[str]:
     found += mass_notes(recording.samples, aircraft)
     found += pipeline.check.words
     found += absences(pipeline.state, names) + noise_notes(pipeline.state)
-    found += delay_notes(pipeline.parameters, pipeline.check) + prior_notes(pipeline.parameters)
+    found += delay_notes(pipeline.parameters) + prior_notes(pipeline.parameters)
     found += gap_notes(recording.samples, names) + air_data_notes(recording) + control_notes(recording.samples)
     return found + flight_notes(pipeline.state, pipeline.parameters)
 

@@ -246,6 +246,8 @@ def _why_no_state(state: Any) -> str:
 def _result(args: argparse.Namespace, state: Any, parameters: Any, writer: Any, started: float) -> dict[str, Any]:
     if not state.rows_published:
         raise InputError(_why_no_state(state))
+    state.check.finish(state.estimator.epoch)
+    parameters.estimator.learning.imu_is_late = state.check.has_late_imu
     flight_time = state.estimator.flight_time
     late, lost = _late(state.estimator, parameters.estimator), dict(state.lost)
     for topic, count in parameters.lost.items():  # with some estimators both hear a topic
@@ -274,7 +276,7 @@ def _result(args: argparse.Namespace, state: Any, parameters: Any, writer: Any, 
             *place_notes(parameters.estimator.aircraft, state.estimator.options.air_data_errors),
             *absences(state.estimator),
             *noise_notes(state.estimator),
-            *delay_notes(parameters.estimator, state.check),
+            *delay_notes(parameters.estimator),
             *prior_notes(parameters.estimator),
         ],
     }

@@ -50,7 +50,7 @@ from aircraft_sysid_ros.identification.prior import AxisPrior, FleetKnowledge
 from aircraft_sysid_ros.identification.trust import Trust, TrustRules
 from aircraft_sysid_ros.identification.undescribed_sensors import UndescribedSensors
 from aircraft_sysid_ros.reconstruction.options import LONGEST_WAIT
-from aircraft_sysid_ros.reconstruction.state import StateField
+from aircraft_sysid_ros.reconstruction.state import OF_THE_IMU, StateField
 from aircraft_sysid_ros.samples import Samples
 
 Array = npt.NDArray[np.float64]
@@ -85,6 +85,7 @@ class Learning:
         self._considered = np.nan  # [s]
         self.constants = DoubtfulConstants()
         self.undescribed = UndescribedSensors(aircraft)
+        self.imu_is_late = False  # as who looks at the sensors says
         self._begin_monitors()
 
     def _begin_monitors(self) -> None:
@@ -109,6 +110,12 @@ class Learning:
     def columns(self) -> int:
         """Columns of a sample."""
         return CoefficientSample.TERMS + len(self.aircraft.model.parameter_names)
+
+    @property
+    def late_surfaces(self) -> dict[str, tuple[float, float]]:
+        """As ``UndescribedSensors`` has them; nothing where the IMU, with which they are compared, is late or wrong."""
+        wrong = self.imu_is_late or any(hold is not None and hold.words in OF_THE_IMU for hold in self.integrity.holds)
+        return {} if wrong else self.undescribed.late_surfaces
 
     @property
     def lends(self) -> bool:

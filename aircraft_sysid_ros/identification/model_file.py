@@ -151,7 +151,7 @@ def _beside_earlier_flights(estimator: Identifier) -> dict[str, Any]:
 
 def _late_surfaces(estimator: Identifier) -> dict[str, Any]:
     """What the flight has shown of late surfaces [s], and one sigma; nothing where it has not."""
-    found = estimator.learning.undescribed.late_surfaces
+    found = estimator.learning.late_surfaces
     late = {key: {"value": value, "std": std} for key, (value, std) in found.items()}
     return {"late_surfaces": late} if late else {}
 

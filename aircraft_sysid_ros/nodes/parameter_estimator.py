@@ -185,7 +185,7 @@ class ParameterEstimatorNode(EstimatorNode):
             "estimator_because": published["why"],
             "late_surfaces": ", ".join(
                 f"{key} {value:.3f} ± {std:.3f} s"
-                for key, (value, std) in self.estimator.learning.undescribed.late_surfaces.items()
+                for key, (value, std) in self.estimator.learning.late_surfaces.items()
             ),
             "prior": "; ".join(self.estimator.learning.fleet.notes()),
             "health": "; ".join(self.estimator.learning.health.notes()),

@@ -156,6 +156,10 @@ def contradiction_text(code: int) -> str:
     return f"{kinds} of the {CONTRADICTED[code]} contradict the other sensors" if code else ""
 
 
+#: What is said where the IMU, with which all motion is compared, contradicts the other sensors.
+OF_THE_IMU = tuple(contradiction_text(code) for code, sensor in CONTRADICTED.items() if sensor in _IMU)
+
+
 @cache
 def status_text(status: int, contradiction: int = 0) -> str:
     """Words for values of ``StateField.STATUS`` and ``CONTRADICTION``; empty where nothing is to be said."""
