@@ -80,7 +80,7 @@ def test_of_commands_the_lag_of_the_servos_is_found_and_parameters_are_freed_of_
     assert way.course.is_lag
     assert way.course.dead_time == dead_time
     assert way.time == pytest.approx(lag, abs=far)
-    assert "lag" in delay_notes(parameters, pipeline.check)[0]
+    assert "lag" in delay_notes(parameters)[0]
     known = {p.name: p for p in parameters.snapshot().parameters}
     for name in ("Cl_p", "Cl_da", "Cm_alpha", "Cm_q", "Cm_de", "Cn_beta", "Cn_r", "Cn_dr"):
         assert known[name].value == pytest.approx(flight.coefficients[name], rel=off), name
@@ -91,7 +91,7 @@ def test_the_delay_is_said_and_the_completed_file_has_it() -> None:
     flight = simulate_samples(default_aircraft(), 44, 60.0)
     for late in (RECORDED, 0.0):
         pipeline = flown(of_shape(flight.aircraft), early(flight.samples, late))
-        said = delay_notes(pipeline.parameters, pipeline.check)
+        said = delay_notes(pipeline.parameters)
         learnt = completed_file(pipeline.state, pipeline.parameters.learning.undescribed.late_surfaces)
         written = learnt["sensors"].get("control_surfaces", {}).get("delay")
         assert bool(said) == (written is not None) == (late > 0.0)
