@@ -62,8 +62,16 @@ WITH_NODES = ("test_drone_developer", "test_ros_developer")
 PLAYED = ("test_calibrated_live", "test_inputs_named_live", "test_live_equals_replay", "test_stopping")
 
 
+@pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items):
-    """In which order."""
+    """In which order, and which of several parameters are left to `make test-long`."""
+    begun = set()
+    for item in items:
+        if item.get_closest_marker("long_after_the_first"):
+            name = (item.path, item.originalname)
+            if name in begun:
+                item.add_marker("long")
+            begun.add(name)
     rank = {name: number for number, name in enumerate(LONGEST_FIRST)}
     items.sort(key=lambda item: rank.get(item.path.parent.name, len(rank)))
 

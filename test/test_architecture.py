@@ -56,6 +56,7 @@ def test_the_core_imports_nothing_from_outside(path):
     assert sorted(module for module in imported(path) if is_outside(module)) == []
 
 
+@pytest.mark.long
 def test_importing_the_pipeline_loads_nothing_from_outside():
     """What ast cannot see, what imports import: the modules that are there afterwards, in a new process."""
     code = f"import json, sys; before = set(sys.modules); import {PACKAGE}.pipeline; "
@@ -75,6 +76,7 @@ def test_estimation_stands_on_its_own(path):
     assert sorted(module for module in ours if not module.startswith(own)) == []
 
 
+@pytest.mark.long
 def test_layers_hold_through_all_imports():
     """The contracts of .importlinter: layers, no circles, and what the core and the flight nodes may not know."""
     command = [str(Path(sys.executable).with_name("lint-imports")), "--no-cache", "--config", ".importlinter"]

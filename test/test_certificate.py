@@ -102,6 +102,7 @@ def test_modes_agree_with_the_formulas_for_two_degrees_of_freedom():
     assert periods["dutch_roll"] == pytest.approx(2.0 * np.pi / np.sqrt(yaw), rel=0.15)
 
 
+@pytest.mark.long
 def test_the_elevator_loses_half_of_what_it_does():
     at, c = 30.0, flights.the_aircraft().coefficients
     flight = flights.fly(0, "none", 60.0, flights.loss_effects(at))
@@ -141,6 +142,7 @@ def short():
     return records
 
 
+@pytest.mark.long
 def test_live_estimators_keep_their_promise_in_calm_air(short):
     """95 % intervals; of 32 correlated parameters on two flights some more may miss."""
     for method, least in (("rls", 0.88), ("fourier", 0.85)):
@@ -158,6 +160,7 @@ def test_maximum_likelihood_keeps_it_as_well():
     assert found["median_relative_error"] < 0.01
 
 
+@pytest.mark.long
 def test_live_estimators_in_light_turbulence(short):
     """Errors stay small, and least squares on the vanes is not behind maximum likelihood, as it was on the states."""
     for method in ("rls", "fourier", "rml"):
@@ -168,6 +171,7 @@ def test_live_estimators_in_light_turbulence(short):
     assert error["rls"] < 1.2 * error["rml"]
 
 
+@pytest.mark.long
 def test_uncorrected_standard_errors_of_least_squares_are_far_too_small(short):
     found = summary.corrections(short, "none")
     assert found["white"]["share"] < 0.85

@@ -180,6 +180,7 @@ def run(installed, place):
     return place / "run"
 
 
+@pytest.mark.long
 def test_pip_puts_the_commands_where_a_shell_finds_them(installed, place):
     assert "COMMAND" in call(installed.command, "--help", cwd=place)
     nodes = {"state_estimator", "parameter_estimator", "mavlink_bridge"}
@@ -187,6 +188,7 @@ def test_pip_puts_the_commands_where_a_shell_finds_them(installed, place):
     assert not (installed.command.parents[1] / "lib" / PACKAGE).exists()  # colcon's place
 
 
+@pytest.mark.long
 def test_the_installed_program_is_the_one_that_runs_and_nothing_of_ros_is_there(installed, place):
     code = f"import {PACKAGE} as p, importlib.util as u; print(p.__file__, *map(u.find_spec, ('rclpy', 'plotly')))"
     found = call(installed.python, "-c", code, cwd=place).split()
@@ -215,12 +217,14 @@ def test_without_ros_and_extras_a_run_is_compared_diagnosed_and_extended(run, in
     assert added["figure"] is None
 
 
+@pytest.mark.long
 def test_a_mat_file_is_imported_without_extras(installed, place, shared_data):
     log = shared_data / "inertialnav" / "SwissLog1.mat"
     report = json.loads(call(installed.command, "import", log, "--out", "swiss", "--json", cwd=place))
     assert report["topics"]["imu/data"]["messages"] > 1000
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "command",
     [("live", "--aircraft", ROOT / "config" / "ultra_stick_25e.yaml"), ("play", "flight"), ("demo",)],
@@ -255,6 +259,7 @@ EXTRAS = [
 ]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("command", "package", "extra"), EXTRAS, ids=[" ".join(words[:2]) for words, _, _ in EXTRAS])
 def test_a_command_names_the_extra_that_it_needs(run, installed, place, command, package, extra):
     for name in ("log.ulg", "log.bin", "log.tlog"):

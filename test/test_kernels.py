@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 
 import numba
+import pytest
 
 from aircraft_sysid_ros import kernels
 
@@ -47,6 +48,7 @@ print(json.dumps({"answers": answers, "loaded": loaded, "alone": alone}))
 """
 
 
+@pytest.mark.long
 def test_a_loaded_kernel_is_as_good_as_a_compiled_one(tmp_path):
     """A first process compiles it; a second loads it alone, and then compiles another that calls it."""
     (tmp_path / "kept.py").write_text(KEPT, encoding="utf8")
@@ -77,6 +79,7 @@ def test_every_kernel_is_loaded_so():
     assert not [path for path in others if re.search(r"^\s*from numba import.*njit", path.read_text("utf8"), re.M)]
 
 
+@pytest.mark.long
 def test_after_an_update_no_kernel_runs_with_what_another_file_was(tmp_path):
     """A constant, and a kernel that is called, of files that changed; what nothing rests on compiles nothing anew."""
     package = tmp_path / Path(kernels.__file__).parent.name

@@ -24,6 +24,7 @@ def test_1_2_the_output_is_y_and_not_its_derivative():
     assert seen.state[-1, 0] == pytest.approx(5.0, abs=1e-6)
 
 
+@pytest.mark.long
 def test_5_4_the_exponent_is_the_number_of_outputs():
     """The density integrates to 1 over two outputs, however many parameters there are."""
     covariance = np.array([[1.3, 0.4], [0.4, 0.7]])

@@ -32,6 +32,7 @@ def test_it_is_kept_with_its_outputs(content):
     assert sum(map(bool, shown(content))) >= len(cells) - 1
 
 
+@pytest.mark.long
 def test_its_first_cells_show_what_stands_in_it(content, tmp_path):
     """As far as the comparison, which shows that C_Z lacks something."""
     made = executed(copy.deepcopy(content), str(tmp_path), until=lambda code: "sysid.diagnose" in code)

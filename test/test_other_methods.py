@@ -40,6 +40,7 @@ def test_stepwise_regression_selects_nothing_of_white_noise_in_95_of_100_cases()
     assert 0.01 < hits < 0.09
 
 
+@pytest.mark.long
 def test_stepwise_regression_selects_what_is_there_and_drops_what_it_replaces():
     """A sum of two columns enters first and goes when both have entered; by chance it stays, rarely."""
     right = 0

@@ -108,6 +108,7 @@ while True:  # a best-effort subscriber may be known before it hears
 """
 
 
+@pytest.mark.long
 def test_our_messages_travel_between_two_processes():
     environment = os.environ | {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
     with (
@@ -238,6 +239,7 @@ def release_tree(tmp_path_factory):
     return folder
 
 
+@pytest.mark.long
 def test_standard_tools_find_both_packages_in_the_release_tree(release_tree):
     packages = find_release_packages(release_tree)
     assert set(packages) == {"aircraft_sysid_msgs", "aircraft_sysid_ros"}
@@ -264,6 +266,7 @@ def colcon_list(folder):
     return set(done.stdout.splitlines())
 
 
+@pytest.mark.long
 def test_colcon_finds_both_packages_in_the_checkout_without_options():
     assert colcon_list(ROOT) == {
         "aircraft_sysid_msgs\tmsg_defs\t(ros.ament_cmake)",
@@ -327,6 +330,7 @@ def test_every_key_is_one_of_rosdep():
     assert declared_keys() == set(yaml.safe_load((ROOT / "test" / "rosdep" / "keys.yaml").read_text()))
 
 
+@pytest.mark.long
 @pytest.mark.skipif(shutil.which("dpkg-query") is None, reason="rosdep asks dpkg what is installed")
 def test_rosdep_knows_every_key_and_reports_what_is_not_installed(release_tree, tmp_path):
     """With the part of rosdep's database that our keys are in, since the whole of it is on the network."""
@@ -384,6 +388,7 @@ def test_an_unsuitable_machine_is_named_in_one_line(tmp_path, answer, complaint)
     assert check.stdout == ""
 
 
+@pytest.mark.long
 def test_tables_of_the_docs_are_those_of_the_results() -> None:
     """No number in README or docs is typed: the committed tables are what the committed results give."""
     done = subprocess.run(

@@ -22,10 +22,12 @@ def inertialnav(shared_data, tmp_path_factory):
     return real_flights.inertialnav(shared_data, tmp_path_factory.mktemp("inertialnav"))
 
 
+@pytest.mark.long
 def test_thor_wind_is_that_of_the_wind_triangle(thor) -> None:
     assert thor["wind_horizontal_difference"] < 1.5
 
 
+@pytest.mark.long
 def test_thor_gyro_biases_are_those_of_the_onboard_filter(thor) -> None:
     assert np.max(thor["gyro_bias_difference"]) < 0.005
 
@@ -56,6 +58,7 @@ def test_on_thor_what_is_held_is_what_the_laboratory_contradicts(thor) -> None:
     assert any("the model explains" in p["reason"] for p in of_axis["Cm"])
 
 
+@pytest.mark.long
 def test_inertialnav_does_not_diverge(inertialnav) -> None:
     for variants in inertialnav.values():
         assert variants["with delays"]["finite"]
@@ -65,6 +68,7 @@ def test_inertialnav_does_not_diverge(inertialnav) -> None:
     assert inertialnav["TestLog2"]["with delays"]["largest_roll_deg"] > 175.0
 
 
+@pytest.mark.long
 def test_stated_delays_make_innovations_smaller(inertialnav) -> None:
     variants = inertialnav["SwissLog1"]
     for kind in ("airspeed", "gps_velocity"):

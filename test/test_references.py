@@ -75,11 +75,13 @@ def without_empty(found: dict[str, set[str]]) -> dict[str, set[str]]:
     return {name: numbers for name, numbers in found.items() if numbers}
 
 
+@pytest.mark.long
 def test_every_cited_equation_of_the_summary_is_listed():
     known = listed()
     assert without_empty({name: cited(text, OF_SUMMARY) - known for name, text in written().items()}) == {}
 
 
+@pytest.mark.long
 def test_every_cited_equation_of_the_paper_is_listed():
     known = listed()
     texts = {name: text for name, text in written().items() if THE_PAPER in text}

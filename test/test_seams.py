@@ -39,6 +39,7 @@ def three(flight):
     return [part(flight, 40.3, 50.0), part(flight, 60.0, 72.7, DAY), part(flight, 20.1, 30.0)]
 
 
+@pytest.mark.long
 def test_manoeuvres_follow_each_other_with_a_pause_and_whole_seconds(three):
     body, shifts = joined(three)
     assert shifts[0] == 0 and all(shift % SECOND == 0 for shift in shifts)
@@ -53,6 +54,7 @@ def test_manoeuvres_follow_each_other_with_a_pause_and_whole_seconds(three):
         assert set(manoeuvre_at(body, one.stamp).tolist()) == {number}
 
 
+@pytest.mark.long
 def test_a_seam_says_how_long_there_really_was_between_them(three):
     body, _ = joined(three)
     since = body.values[body.kind == Kind.SEAM, 0]

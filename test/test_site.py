@@ -30,6 +30,7 @@ def site(tmp_path_factory):
     return folder
 
 
+@pytest.mark.long
 def test_every_page_is_in_the_site_and_loads_nothing_from_elsewhere(site):
     pages = {path.relative_to(ROOT / "docs").with_suffix(".html") for path in (ROOT / "docs").rglob("*.md")}
     pages |= {Path(name) for name in ("index.html", "CHANGELOG.html", "CONTRIBUTING.html", "SECURITY.html")}
@@ -38,6 +39,7 @@ def test_every_page_is_in_the_site_and_loads_nothing_from_elsewhere(site):
         assert not LOADED.findall(text), page
 
 
+@pytest.mark.long
 def test_the_reference_has_every_command_message_and_call(site):
     commands = (site / "commands.html").read_text(encoding="utf8")
     assert all(f'id="{name}"' in commands for name in COMMANDS) and "--aircraft FILE" in commands

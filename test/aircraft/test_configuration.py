@@ -256,6 +256,7 @@ BAD = {
 }
 
 
+@pytest.mark.long_after_the_first
 @pytest.mark.parametrize(("text", "message"), BAD.values(), ids=BAD.keys())
 def test_a_bad_file_is_one_line_that_names_the_file_and_the_key(tmp_path, text, message):
     with pytest.raises(InputError, match=message) as raised:

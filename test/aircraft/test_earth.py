@@ -39,6 +39,7 @@ def level(place):
     return np.array([[-sa * co, -sa * so, ca], [-so, co, 0.0], [-ca * co, -ca * so, -sa]])
 
 
+@pytest.mark.long
 @LAWS
 @given(LATITUDE, LONGITUDE, st.floats(-3e4, 3e4), st.floats(-3e4, 3e4), st.floats(-2e3, 2e4))
 def test_places_come_back(latitude, longitude, north, east, up):

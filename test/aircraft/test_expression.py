@@ -44,6 +44,7 @@ LEAVES = st.one_of(
 EXPRESSION = st.recursive(LEAVES, expressions, max_leaves=8).filter(lambda text: len(text) <= MAXIMUM_LENGTH)
 
 
+@pytest.mark.long
 @LAWS
 @given(EXPRESSION)
 def test_values_are_those_of_python(text):
@@ -56,6 +57,7 @@ def test_values_are_those_of_python(text):
     assert got == pytest.approx(expected, rel=1e-9, abs=1e-9) or (math.isinf(expected) and got == expected)
 
 
+@pytest.mark.long
 @LAWS
 @given(EXPRESSION)
 def test_the_canonical_text_parses_to_the_same_program(text):

@@ -48,6 +48,7 @@ def test_a_body_that_spins_about_a_principal_axis_keeps_spinning():
     assert np.ptp(moments) > 0.01
 
 
+@pytest.mark.long
 def test_moment_of_motion_is_the_inverse_of_angular_acceleration():
     for _ in range(20):
         moment, rates = RNG.normal(size=3), RNG.normal(size=3)

@@ -33,6 +33,7 @@ def coloured(rng, r=0.9):
     return out
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("by_piece", [False, True])
 def test_coloured_residuals_are_counted(by_piece):
     """300 seeds: the spread of the estimates is that which the standard errors say, and white ones are far below."""
@@ -56,6 +57,7 @@ def test_coloured_residuals_are_counted(by_piece):
     assert np.all(rows[:, :2].std(axis=0) > 2.0 * np.median(rows[:, 4:], axis=0))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("by_piece", [False, True])
 @pytest.mark.parametrize("by_instruments", [False, True])
 def test_what_is_taken_as_nominal_is_in_the_errors_of_the_others(by_piece, by_instruments):
@@ -129,6 +131,7 @@ def two_biases():
                    np.array([[-2.0, 2.0], [-0.5, 0.5]]))  # fmt: skip
 
 
+@pytest.mark.long
 def test_the_reduced_problem_is_the_same_at_the_nominal_values(probe_made):
     problem = probe_made.data.problem()
     free = np.ones(10, dtype=bool)

@@ -27,6 +27,7 @@ def true_biases(flight):
     return np.concatenate([flight.biases.accelerometer[0], flight.biases.gyro[0]])
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("known", [True, False])
 def test_the_samples_of_the_first_turn_tell_whether_there_is_one_minimum(made, monkeypatch, known):
     """Later turns begin where it ended; the picture of their one start had been called one hollow of the samples."""
@@ -46,6 +47,7 @@ def test_the_samples_of_the_first_turn_tell_whether_there_is_one_minimum(made, m
     assert (len(answer.samples.trace), answer.decision.reason) == ((8, "from 8") if known else (1, "from 1"))
 
 
+@pytest.mark.long
 def test_outputs_follow_the_flight(made, calibration_flown):
     """With the true biases and the answer's starts, V, alpha, beta and angles are those of the simulator."""
     answer, data = made.solve(8)
@@ -63,6 +65,7 @@ def test_outputs_follow_the_flight(made, calibration_flown):
     assert np.all(answer.std[len(NAMES1) :] < [0.1] * 3 + [0.003] * 3)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("late", [0.0, 0.13])
 def test_slow_air_data_have_the_scale_of_fast_ones(calibration_flown, late):
     """Straight lines between 5 samples a second cut doublets: scales came out 3 to 9 % too small, 4 to 9 sigma."""
@@ -81,6 +84,7 @@ def test_slow_air_data_have_the_scale_of_fast_ones(calibration_flown, late):
         assert abs(error) < min(0.025, 3.5 * answer.std[at]), f"{name} {error:.4f} +- {answer.std[at]:.4f}"
 
 
+@pytest.mark.long
 def test_derivatives(made, calibration_flown):
     biases = true_biases(calibration_flown)
     data = made.data
@@ -109,6 +113,7 @@ def test_no_start_is_left_in_what_is_projected(made, calibration_flown):
     assert np.linalg.norm(data.projected(change)) < 0.02 * np.linalg.norm(change * data.there)
 
 
+@pytest.mark.long
 def test_missing_topics(calibration_flown):
     samples, aircraft = calibration_flown.samples, calibration_flown.aircraft
     with pytest.raises(InputError, match="needs /air_data"):
@@ -119,6 +124,7 @@ def test_missing_topics(calibration_flown):
     assert not without.attitude_is_measured  # those of the navigation take their place
 
 
+@pytest.mark.long
 def test_what_gusts_spoil_is_not_written_into_the_file(calibration_aircraft):
     """It was written with a word of warning on the screen, and replay took it: C_Z,alpha was a quarter too small."""
     wind = np.array([5.0, 2.0, 0.0])
@@ -134,6 +140,7 @@ def test_what_gusts_spoil_is_not_written_into_the_file(calibration_aircraft):
     assert len(report.json()["stage_1"]["names"]) == report.answer.samples.xi2.shape[1]
 
 
+@pytest.mark.long
 def test_what_is_at_its_bound_is_no_answer_and_what_is_beside_it_neither(made):
     answer, _ = made.solve(samples=16)
     names, xi = list(answer.problem.names), answer.xi.copy()

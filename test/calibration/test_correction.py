@@ -27,6 +27,7 @@ def content_of(flight):
     }
 
 
+@pytest.mark.long
 def test_true_calibration_gives_the_true_flow(calibration_flown):
     samples = calibration_flown.samples
     corrected = Correction(calibration_from_dict(content_of(calibration_flown))).apply(samples)
@@ -42,6 +43,7 @@ def test_true_calibration_gives_the_true_flow(calibration_flown):
     assert np.std(spread) / np.mean(spread) < 0.02
 
 
+@pytest.mark.long
 def test_compatibility_takes_out_what_was_put_in(calibration_flown):
     truth = calibration_flown.calibration["compatibility"]
     biases = np.concatenate([calibration_flown.biases.accelerometer[0], calibration_flown.biases.gyro[0]])

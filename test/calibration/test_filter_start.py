@@ -65,6 +65,7 @@ def test_a_covariance_that_is_none(covariance, message):
         calibration_from_dict({"five_hole_probe": {**PROBE, "std": {"b_V": -1.0}}})
 
 
+@pytest.mark.long
 def test_stage_1_finds_wind_and_errors(calibration_flown):
     """Outputs with errors, (B6) of the two-stage paper, in a wind of (4, -5, 0.3): the first minute has two circles."""
     start, end = start_by_stage_1(calibration_flown.samples, calibration_flown.aircraft, 60.0)

@@ -70,6 +70,7 @@ def test_the_mount_turns_as_in_equation_38():
     np.testing.assert_allclose(turned, [20.0, np.sin(0.1), np.cos(0.1)], atol=1e-12)
 
 
+@pytest.mark.long
 def test_all_ten_parameters_are_found(probe_answer, calibration_flown):
     answer, steady = probe_answer
     truth = {**calibration_flown.calibration["five_hole_probe"], "W_N": 4.0, "W_E": -5.0, "W_D": 0.3}
@@ -80,12 +81,14 @@ def test_all_ten_parameters_are_found(probe_answer, calibration_flown):
     assert np.all(answer.errors.std >= np.sqrt(np.diag(answer.errors.white)))  # coloured residuals know less
 
 
+@pytest.mark.long
 def test_circles_and_pushovers_are_found(probe_made):
     names = [segment.name for segment in probe_made.segments.found]
     assert names.count("wind circle") >= 2 and "pushover-pullup" in names
     assert 0.2 < probe_made.segments.first.sum() / probe_made.segments.used.sum() < 0.9
 
 
+@pytest.mark.long
 def test_instruments_undo_the_shrinking_of_scales(data):
     """Noise in the pressures makes least squares too small in lambda_alpha; the instrumental form is right."""
     made, xi = data
@@ -105,6 +108,7 @@ def until(samples, seconds):
     return samples[samples.stamp < samples.stamp.min() + int(seconds * 1e9)]
 
 
+@pytest.mark.long
 def test_straight_flight_says_so(calibration_aircraft):
     """The standard plan turns after a minute: before, wind along the track and airspeed error are one number."""
     sensors = SensorOptions(five_hole_probe=True)
@@ -125,6 +129,7 @@ def test_gusts_are_noticed(calibration_aircraft):
         assert abs(found[name]["value"] - value) < max(4.0 * found[name]["std"], 0.5)
 
 
+@pytest.mark.long
 def test_bad_recordings_are_one_sentence(calibration_flown):
     samples, aircraft = calibration_flown.samples, calibration_flown.aircraft
     with pytest.raises(InputError, match="needs /five_hole_probe"):
@@ -166,6 +171,7 @@ def test_segments_need_flight():
         find_segments(still, np.ones(n, dtype=bool), 0.04)
 
 
+@pytest.mark.long
 def test_a_noise_that_is_stated_too_small_is_found_and_counted_with():
     """With it the navigation lost its way, 4 deg in pitch where it said 1, and standard errors were a third."""
     flight = calibration_flight(11, 150.0, sensors=SensorOptions(noise_scale=3.0))
@@ -182,6 +188,7 @@ def test_a_noise_that_is_stated_too_small_is_found_and_counted_with():
     assert np.all(ratio < 2.0) and np.any(ratio > 0.4)
 
 
+@pytest.mark.long
 def test_a_noise_that_is_stated_right_is_left_as_it_is():
     flight = calibration_flight(12, 60.0)
     assert probe.probe_flight(flight.samples, flight.aircraft).navigation.notes == ()

@@ -51,6 +51,7 @@ def test_the_dipole_is_near_the_field():
         assert abs(np.degrees(field.inclination) - inclination) < 12.0
 
 
+@pytest.mark.long
 def test_all_parameters_are_found(calibration_flown):
     made = magnetometer.magnetic_flight(calibration_flown.samples, calibration_flown.aircraft, strength=STRENGTH)
     answer = solve(made.task(), 64)

@@ -40,6 +40,7 @@ def test_add_compare_remove(run, pictures, capsys) -> None:
     assert removed["model"] == before["model"] and removed["removed"] == "CZ: alpha**3"
 
 
+@pytest.mark.long
 def test_the_aircraft_file_of_a_version_replays(run, run_with_hidden_effect, capsys) -> None:
     added = call(capsys, "add", run, "CZ: alpha**3")
     bag = run_with_hidden_effect.parent / "flight"
@@ -49,6 +50,7 @@ def test_the_aircraft_file_of_a_version_replays(run, run_with_hidden_effect, cap
     assert values["CZ_alpha3"] == pytest.approx(60.0, rel=0.2)
 
 
+@pytest.mark.long
 def test_people_read_what_changed(run, capsys) -> None:
     assert main(["add", str(run), "CZ: alpha**3"]) == 0
     text = capsys.readouterr().out

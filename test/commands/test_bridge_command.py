@@ -51,6 +51,7 @@ def test_a_port_that_is_taken_is_said(capfd):
     assert f"cannot open udpin:127.0.0.1:{port}" in line and "take another port" in line
 
 
+@pytest.mark.long
 def test_a_bad_namespace_is_one_line():
     pytest.importorskip("rclpy")
     command = [sys.executable, "-m", "aircraft_sysid_ros.commands.main", "bridge", "udpout:127.0.0.1:9"]
@@ -59,6 +60,7 @@ def test_a_bad_namespace_is_one_line():
     assert done.returncode == 2 and "--namespace 1a is no namespace: " in line and "starts with a number" in line
 
 
+@pytest.mark.long
 def test_a_simulator_that_does_not_run_is_said_with_what_to_do():
     pytest.importorskip("rclpy")
     with socket.socket() as probe:
@@ -71,6 +73,7 @@ def test_a_simulator_that_does_not_run_is_said_with_what_to_do():
     assert "cannot open tcp:127.0.0.1:" in last and "start the autopilot or its simulator first" in last
 
 
+@pytest.mark.long
 def test_a_bridge_that_hears_nothing_ends_and_says_so():
     command = [sys.executable, "-m", "aircraft_sysid_ros.commands.main", "bridge", "udpout:127.0.0.1:9"]
     options = {"capture_output": True, "text": True, "timeout": 60}

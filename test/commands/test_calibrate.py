@@ -22,6 +22,7 @@ def bag(tmp_path_factory):
     return str(path)
 
 
+@pytest.mark.long
 def test_simulate_writes_the_truth_of_the_instruments(bag):
     document, _ = load_truth(bag)
     assert document["manoeuvres"] == "calibration"
@@ -97,6 +98,7 @@ def says(capsys, *arguments):
     return err
 
 
+@pytest.mark.long
 def test_bad_input_is_one_sentence(bag, tmp_path, capsys):
     probe = ["five-hole", bag, "--aircraft", AIRCRAFT]
     assert "needs --aircraft" in says(capsys, "five-hole", bag)
@@ -128,6 +130,7 @@ def _usage(capsys, *arguments):
     return capsys.readouterr().err
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("place", ["main.build_parser", "calibrate.calibrate"])
 def test_ctrl_c_leaves_nothing(bag, tmp_path, capsys, monkeypatch, place):
     """While modules are imported, and in the middle of the work."""

@@ -107,6 +107,7 @@ def check_refused(result, *texts):
         assert text in err
 
 
+@pytest.mark.long
 def test_recordings_that_cannot_be_replayed(cli, short, bag, aircraft_file, tmp_path):
     def replay(recording):
         out = tmp_path / "run"
@@ -158,6 +159,7 @@ def test_an_aircraft_file_that_is_not_there(cli, bag, tmp_path):
     check_refused(result, "nowhere.yaml", "No such file")
 
 
+@pytest.mark.long
 def test_targets_that_are_taken_or_cannot_be_written(cli, bag, run, aircraft_file, tmp_path):
     def replay(out, *options):
         return cli("replay", bag, "--aircraft", aircraft_file, "--out", out, *options)
@@ -185,6 +187,7 @@ def test_a_folder_without_permission(cli, bag, aircraft_file, tmp_path):
     check_refused(result, "cannot write the run")
 
 
+@pytest.mark.long_after_the_first
 @pytest.mark.parametrize(
     ("arguments", "texts"),
     [
@@ -233,6 +236,7 @@ def test_bad_options_and_commands(cli, bag, aircraft_file, tmp_path, monkeypatch
 # -- what comes out -----------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("asked", "alone"), [(None, True), ("2", len(os.sched_getaffinity(0)) < 2)])
 def test_a_command_has_one_thread_of_linear_algebra_unless_the_user_asks_for_more(asked, alone):
     """Its processes share the cores; threads that wait for each other spin."""
@@ -248,6 +252,7 @@ def test_a_command_has_one_thread_of_linear_algebra_unless_the_user_asks_for_mor
     assert (int(done.stdout) == 1) == alone
 
 
+@pytest.mark.long
 def test_json_is_one_document(run, bag, cli, tmp_path, aircraft_file):
     folder, printed = run
     document = without_nan(printed)
@@ -278,6 +283,7 @@ def test_import_prints_one_document(cli, tmp_path, monkeypatch):
     assert without_nan(out) == {"rate": None, "n": [1, 2.5]}
 
 
+@pytest.mark.long
 def test_the_run_folder_is_as_promised(run, short):
     folder, _ = run
     assert {item.name for item in folder.iterdir()} == RUN_FILES
@@ -343,18 +349,21 @@ def test_estimates_are_an_ordinary_recording(run, short):
         assert all(schema.data for schema in schemas)
 
 
+@pytest.mark.long
 def test_replay_is_deterministic(cli, run, bag, aircraft_file, tmp_path):
     assert cli("replay", bag, "--aircraft", aircraft_file, "--out", tmp_path / "run")[0] == 0
     for name in ("parameters.json", "points.npz", "estimates.mcap"):
         assert (tmp_path / "run" / name).read_bytes() == (run[0] / name).read_bytes(), name
 
 
+@pytest.mark.long
 def test_the_numbers_do_not_depend_on_blocks(cli, run, bag, aircraft_file, tmp_path, monkeypatch):
     monkeypatch.setattr("aircraft_sysid_ros.after_flight.replay.BLOCK", 37)
     assert cli("replay", bag, "--aircraft", aircraft_file, "--out", tmp_path / "run")[0] == 0
     assert (tmp_path / "run" / "parameters.json").read_bytes() == (run[0] / "parameters.json").read_bytes()
 
 
+@pytest.mark.long
 def test_overwrite_replaces_a_run(cli, run, bag, aircraft_file, tmp_path):
     folder = tmp_path / "run"
     shutil.copytree(run[0], folder)
@@ -364,6 +373,7 @@ def test_overwrite_replaces_a_run(cli, run, bag, aircraft_file, tmp_path):
     assert [item.name for item in tmp_path.iterdir()] == ["run"]
 
 
+@pytest.mark.long
 def test_a_run_that_another_replay_wrote_meanwhile_is_kept(cli, run, bag, aircraft_file, tmp_path, monkeypatch):
     """Two began when the name was free: the second says so in one sentence, and nothing vanishes."""
     import aircraft_sysid_ros.run_writer as run_writer
@@ -383,6 +393,7 @@ def test_a_run_that_another_replay_wrote_meanwhile_is_kept(cli, run, bag, aircra
     }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("place", ["push", "kernel", "finish"])
 def test_an_interrupted_replay_leaves_nothing(cli, bag, aircraft_file, tmp_path, monkeypatch, place):
     def interrupt(*_):
@@ -410,12 +421,14 @@ def replay(cli, recording, aircraft_file, out):
     return without_nan(printed)
 
 
+@pytest.mark.long
 def test_a_namespace_changes_nothing(cli, run, short, aircraft_file, tmp_path):
     named = write(tmp_path / "bag", short.streams, "fleet/uav1/")
     result = replay(cli, named, aircraft_file, tmp_path / "run")
     assert result["parameters"] == json.loads((run[0] / "parameters.json").read_text())
 
 
+@pytest.mark.long
 def test_sqlite3_changes_nothing(cli, run, bag, aircraft_file, tmp_path):
     from rosbags.rosbag2 import Reader, StoragePlugin, Writer
 
@@ -440,6 +453,7 @@ def check_good(result, short, note):
     assert any(note in text for text in result["notes"]), result["notes"]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("topic", TOPICS_OF_A_FLIGHT)
 def test_ten_seconds_without_a_sensor(cli, short, aircraft_file, tmp_path, topic):
     streams = []
@@ -501,6 +515,7 @@ def silenced(streams, sensor, begin, end):
     return found
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("sensor", [s if s in OF_EACH_KIND else pytest.param(s, marks=pytest.mark.long) for s in ALONE])
 def test_ten_seconds_without_one_sensor_alone(cli, everything, aircraft_file, tmp_path, sensor):
     recording = write(tmp_path / "bag", silenced(everything.streams, sensor, 15.0, 25.0))
@@ -512,6 +527,7 @@ def test_ten_seconds_without_one_sensor_alone(cli, everything, aircraft_file, tm
     assert not any("aligned anew" in note for note in result["notes"])
 
 
+@pytest.mark.long
 def test_ten_seconds_without_a_probe_that_gives_the_air_data(cli, everything, aircraft_file, tmp_path):
     """Its pressures alone tell the flow: there is no other airspeed in the recording."""
     (tmp_path / "probe.yaml").write_text("five_hole_probe: {alpha_sensitivity: 3.9, beta_sensitivity: 3.9}\n")
@@ -527,6 +543,7 @@ def test_ten_seconds_without_a_probe_that_gives_the_air_data(cli, everything, ai
     assert inside and not [p for m in inside for p in m.parameters if p.status == p.USE]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("topic", TOPICS_OF_A_FLIGHT)
 def test_nan_among_the_samples(cli, short, aircraft_file, tmp_path, topic):
     streams = []
@@ -543,6 +560,7 @@ def test_nan_among_the_samples(cli, short, aircraft_file, tmp_path, topic):
     check_good(result, short, "5 % of the " + notes.get(topic, ""))
 
 
+@pytest.mark.long
 def test_sensors_of_other_rates_in_the_same_topic_lack_nothing(cli, short, aircraft_file, tmp_path):
     """Vanes of 50 Hz and an airspeed of 25 Hz: every other message has no airspeed, and none of it was lost."""
     streams = []
@@ -568,6 +586,7 @@ def test_a_flight_that_is_too_short_for_parameters_says_so(cli, short, run, airc
     assert without_nan(run[1])["notes"] == []
 
 
+@pytest.mark.long
 def test_a_flight_that_ends_without_gps_says_that_parameters_are_held(cli, aircraft, aircraft_file, tmp_path):
     flight = simulate_samples(aircraft, 3, 60.0)
     begin = flight.streams[0].stamp[0]
@@ -580,6 +599,7 @@ def test_a_flight_that_ends_without_gps_says_that_parameters_are_held(cli, aircr
     assert not [p for p in result["parameters"]["parameters"] if p["status"] == "USE"]
 
 
+@pytest.mark.long
 def test_a_minute_without_gps_holds_the_values_from_before_it(cli, aircraft, aircraft_file, tmp_path):
     flight = simulate_samples(aircraft, 3, 130.0)
     begin = flight.streams[0].stamp[0]
@@ -610,6 +630,7 @@ def test_a_minute_without_gps_holds_the_values_from_before_it(cli, aircraft, air
     check_good(result, flight, "were held 6 times")
 
 
+@pytest.mark.long
 def test_without_control_surfaces_there_is_a_state_and_no_parameters(cli, short, aircraft_file, tmp_path):
     streams = [stream for stream in short.streams if stream.topic != "control_surfaces"]
     result = replay(cli, write(tmp_path / "bag", streams), aircraft_file, tmp_path / "run")
@@ -621,6 +642,7 @@ def test_without_control_surfaces_there_is_a_state_and_no_parameters(cli, short,
     assert people[0] == 0 and f"note: {result['notes'][0]}\n" in people[1]
 
 
+@pytest.mark.long
 def test_bounds_that_no_aeroplane_is_in_and_bounds_that_leave_out_the_file(cli, bag, aircraft, aircraft_file, tmp_path):
     def replayed(low, high):
         path, bounds = tmp_path / "bounded.yaml", f"parameter_bounds: {{CZ_alpha: [{low}, {high}]}}"
@@ -635,6 +657,7 @@ def test_bounds_that_no_aeroplane_is_in_and_bounds_that_leave_out_the_file(cli, 
     assert without_nan(replayed(-6, -2)[1])["notes"] == []
 
 
+@pytest.mark.long
 def test_stamps_that_go_backwards(cli, short, aircraft_file, tmp_path):
     """The clock is set back by a minute in the middle of the flight; arrival goes on."""
     streams = []
@@ -646,6 +669,7 @@ def test_stamps_that_go_backwards(cli, short, aircraft_file, tmp_path):
     check_good(result, short, "the clock leapt once")
 
 
+@pytest.mark.long
 def test_stamps_that_leap_ahead_are_no_silence_of_the_sensors(cli, short, aircraft_file, tmp_path):
     streams = []
     for stream in short.streams:
@@ -657,6 +681,7 @@ def test_stamps_that_leap_ahead_are_no_silence_of_the_sensors(cli, short, aircra
     assert not [note for note in result["notes"] if " gap of " in note]
 
 
+@pytest.mark.long
 def test_single_samples_with_old_stamps(cli, short, aircraft_file, tmp_path):
     """Every fiftieth sample of each sensor is two seconds old: it is dropped, and said."""
     streams = []

@@ -12,6 +12,7 @@ from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.commands.main import main
 
 
+@pytest.mark.long
 def test_json_is_one_document_with_what_the_interface_promises(run_with_hidden_effect, pictures, capsys) -> None:
     capsys.readouterr()
     assert main(["compare", str(run_with_hidden_effect), "--json"]) == 0
@@ -23,6 +24,7 @@ def test_json_is_one_document_with_what_the_interface_promises(run_with_hidden_e
     assert Path(result["figure"]).read_bytes().startswith(b"\x89PNG")
 
 
+@pytest.mark.long
 def test_people_get_a_table_and_where_it_fails(run_with_hidden_effect, capsys) -> None:
     capsys.readouterr()
     assert main(["compare", str(run_with_hidden_effect)]) == 0
@@ -32,6 +34,7 @@ def test_people_get_a_table_and_where_it_fails(run_with_hidden_effect, capsys) -
     assert row.endswith("  fails")  # and no other word beside the places that are listed
 
 
+@pytest.mark.long
 def test_a_run_without_samples_is_compared_as_the_filter_saw_it(run_with_hidden_effect, tmp_path, capsys) -> None:
     run = tmp_path / "run"
     shutil.copytree(run_with_hidden_effect, run)

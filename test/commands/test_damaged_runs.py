@@ -174,6 +174,7 @@ def test_a_calibration_is_no_run_and_is_shown_whole_only(tmp_path, capsys) -> No
         assert "is a calibration without result.json" in said and "calibrate again" in said and "replay" not in said
 
 
+@pytest.mark.long
 def test_the_page_of_nothing_is_refused_before_it_is_imported(tmp_path) -> None:
     code = "import sys; from aircraft_sysid_ros.commands.main import main; status = main(sys.argv[1:]); "
     code += "print(status, [name for name in ('nicegui', 'plotly', 'numba') if name in sys.modules])"

@@ -44,6 +44,7 @@ def run(flight, aircraft, tmp_path):
     return path
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("library", [SOME, pytest.param(LIBRARY, marks=pytest.mark.long)], ids=["some", "all"])
 def test_the_hidden_effect_is_found_added_and_the_error_falls_to_the_noise(
     run, flight, library, pictures, monkeypatch, tmp_path
@@ -71,6 +72,7 @@ def test_the_hidden_effect_is_found_added_and_the_error_falls_to_the_noise(
     assert picture.read_bytes().startswith(b"\x89PNG")
 
 
+@pytest.mark.long
 def test_where_nothing_is_found_nothing_is_added(run, flight, monkeypatch) -> None:
     nothing = {"verdict": "none", "candidates": [], "advice": "Nothing is missing."}
     monkeypatch.setattr(demo_story, "diagnose_flight", lambda *_, **__: SimpleNamespace(json=nothing))

@@ -137,6 +137,7 @@ def learnt(aircraft, flight):
     return Learnt(comparison, {name: ("USE", "") for name in aircraft.model.parameter_names}), comparison
 
 
+@pytest.mark.long
 def test_the_aeroplane_is_as_its_coefficients_say(learnt, aircraft):
     """Against the truth of the simulation, each within four of its own standard deviations, or 1 %."""
     c = aircraft.coefficients
@@ -155,6 +156,7 @@ def test_the_aeroplane_is_as_its_coefficients_say(learnt, aircraft):
     assert mass == pytest.approx(aircraft.mass, abs=max(4.0 * std, 0.02 * aircraft.mass))
 
 
+@pytest.mark.long
 def test_modes_have_an_error_and_are_within_it(learnt, aircraft):
     """The truth is the same linearisation with the coefficients that flew; test_modes.py checks that one."""
     found = {mode.name: mode for mode in known_modes(learnt[0])}
@@ -325,6 +327,7 @@ def test_a_stall_below_ordinary_flight_is_no_margin(learnt):
     assert margins[1].reason and margins[1].json["value"] is None
 
 
+@pytest.mark.long
 def test_a_table_is_taken_with_its_map(tmp_path):
     from aircraft_sysid_ros.after_flight.explanation import explain as module
 
@@ -433,6 +436,7 @@ def test_what_is_not_recorded_is_to_be_recorded_before_anything_is_flown():
     assert next_flights(check, None, (), None)[0].startswith("Record elevator: ")
 
 
+@pytest.mark.long
 def test_a_vane_that_is_off_is_found_and_a_sound_one_is_not(aircraft, flight):
     assert instrument_errors(aircraft, flight.samples) == []
     values = flight.samples.values.copy()
@@ -546,6 +550,7 @@ class Page(HTMLParser):
         self.words.append(data)
 
 
+@pytest.mark.long
 def test_a_log_that_breaks_off_at_once_is_not_trusted(aircraft_file, tmp_path, capsys):
     """It had been: its sensors did not contradict each other, and other manoeuvres were to be flown."""
     assert main(["simulate", "--out", str(tmp_path / "whole"), "--duration", "30"]) == 0
@@ -566,6 +571,7 @@ def without_setting(text):
     return re.sub(r"[\s_]", "", text)
 
 
+@pytest.mark.long
 def test_a_log_without_controls_is_explained_as_far_as_it_goes(flight, aircraft_file, tmp_path, capsys):
     """What the check and the filter say; of the aeroplane nothing, with the reason."""
     streams = [stream for stream in flight.streams if stream.topic != "control_surfaces"]

@@ -31,6 +31,7 @@ def replay(folder, aircraft, run, *more):
     return main(["replay", str(folder / "bag"), "--aircraft", str(aircraft), "--out", str(run), "--json", *more])
 
 
+@pytest.mark.long
 def test_the_file_that_is_written_states_what_the_flight_had(flown, tmp_path, capsys):
     learnt = tmp_path / "learnt.yaml"
     assert replay(flown, flown / "plain.yaml", tmp_path / "run", "--learn-sensors", str(learnt)) == 0
@@ -55,6 +56,7 @@ def test_a_file_that_is_there_or_cannot_be_written_is_said_before_the_flight(flo
     assert there.read_text() == "mine" and not (tmp_path / "run").exists()
 
 
+@pytest.mark.long
 def test_a_vane_out_on_the_wing_that_the_file_leaves_out_is_placed_and_said(flown, tmp_path, capsys):
     """As live has it nothing may be used; placed where the roll shows it, 0.4 m to the right, most of it may."""
     silent = yaml.safe_load((flown / "plain.yaml").read_text())

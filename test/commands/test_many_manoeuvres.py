@@ -111,6 +111,7 @@ def parameters_of(flight) -> dict[str, tuple[float, float]]:
 # -- the way of a campaign ---------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_main_derivatives_are_within_5_percent_and_covered(campaign, flight_of_campaign, aircraft):
     _, said = campaign
     live = {p["name"]: (p["value"], p["std"]) for p in said["parameters"]["parameters"] if p["status"] == "USE"}
@@ -126,6 +127,7 @@ def test_main_derivatives_are_within_5_percent_and_covered(campaign, flight_of_c
     assert not [name for name in live if name.endswith("_0")]  # a bias of a manoeuvre may stand in them
 
 
+@pytest.mark.long
 def test_the_run_says_where_each_manoeuvre_comes_from(campaign, recordings):
     run, said = campaign
     listed = json.loads((run / "state.json").read_text())["manoeuvres"]
@@ -151,6 +153,7 @@ def test_diagnose_finds_nothing(campaign):
     assert ask("diagnose", campaign[0], "--replicas", 2)["verdict"] == "none"
 
 
+@pytest.mark.long
 def test_what_is_held_out_are_whole_manoeuvres(flight_of_campaign):
     flight = flight_of_campaign
     assert flight.by_manoeuvre and flight.folds == COUNT
@@ -259,6 +262,7 @@ def test_twenty_manoeuvres_at_25_hz_without_gps(aircraft, aircraft_file, folder)
 # -- how little is enough ------------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_the_sum_of_short_manoeuvres_is_what_must_be_long_enough(bag, aircraft_file, folder, capsys):
     for count, enough in ((3, False), (6, True)):
         file = write_segments(folder / f"{count}.yaml", equal_segments(count, 6.0))
@@ -271,6 +275,7 @@ def test_the_sum_of_short_manoeuvres_is_what_must_be_long_enough(bag, aircraft_f
             assert "20 s are needed" in refused(capsys, "compare", folder / "few3")
 
 
+@pytest.mark.long
 def test_what_is_too_short_is_named_and_the_rest_goes_on(bag, aircraft_file, folder):
     short = [{"start": 1.0, "stop": 2.0, "name": "blip"}, {"start": 160.0, "stop": 162.05, "name": "tail"}]
     file = write_segments(folder / "short.yaml", [short[0], *equal_segments(4), short[1]])
@@ -307,6 +312,7 @@ def write_without(clean, path, start, stop, topics=(), fields=()):
     return write_part(replace(clean, streams=streams), path, start, stop)
 
 
+@pytest.mark.long
 def test_what_some_manoeuvres_lack_is_said_of_those(clean, recordings, aircraft_file, folder):
     """The last one flies without GPS, one without an airspeed, one without controls: the others have all."""
     calm = write_without(clean, folder / "no_speed.mcap", 72.0, 82.0, (), ("true_airspeed",))
@@ -323,6 +329,7 @@ def test_what_some_manoeuvres_lack_is_said_of_those(clean, recordings, aircraft_
     assert set(written) <= set(notes) and len([note for note in written if note.startswith("in 1 of 6 ")]) == 3
 
 
+@pytest.mark.long
 def test_a_gap_is_told_with_the_manoeuvre_that_it_is_in(clean, recordings, aircraft_file, folder):
     begin = min(int(stream.stamp.min()) for stream in clean.streams)
     streams = [
@@ -348,6 +355,7 @@ def test_all_too_short_is_refused(bag, aircraft_file, folder, capsys):
     assert not (folder / "no").exists()
 
 
+@pytest.mark.long
 def test_one_whole_recording_is_as_it_always_was(bag, aircraft_file, folder):
     said = ask("replay", bag, "--aircraft", aircraft_file, "--out", folder / "one")
     assert "manoeuvres" not in said["state"]
@@ -409,6 +417,7 @@ def test_recordings_are_named_once_and_for_each_segment(recordings, aircraft_fil
     )
 
 
+@pytest.mark.long
 def test_recordings_are_found_by_name_or_by_path_from_the_file(recordings, aircraft_file, folder, tmp_path):
     named = [
         {"recording": "m0", "start": 0.0, "stop": 9.0},

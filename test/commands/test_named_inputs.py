@@ -109,6 +109,7 @@ def tables(flight, tmp_path_factory):
     return folder
 
 
+@pytest.mark.long
 def test_from_columns_to_a_term_whose_derivative_is_the_true_one(flight, tables, tmp_path, capsys):
     text = MAP.replace("SURFACES", SURFACES + " inputs.trim_tab: {column: dte, unit: deg},")
     (tmp_path / "map.yaml").write_text(text)

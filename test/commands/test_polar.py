@@ -84,6 +84,7 @@ def flown(tmp_path_factory):
     return run, truth
 
 
+@pytest.mark.long
 def test_from_a_table_to_the_polar(flown, pictures, capsys):
     run, truth = flown
     capsys.readouterr()
@@ -99,6 +100,7 @@ def test_from_a_table_to_the_polar(flown, pictures, capsys):
     assert "level flight at" in shown and "what avionics draw counts as power of propulsion" in shown
 
 
+@pytest.mark.long
 def test_static_pressure_alone_tells_height_and_density(flown, monkeypatch):
     """Without GPS it had been 0 s of windows with all signals."""
     run, truth = flown
@@ -119,6 +121,7 @@ def test_static_pressure_alone_tells_height_and_density(flown, monkeypatch):
         drag_polar(run, lambda folder, content: ("", []), "electric_power")
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("words", "sentence"),
     [
@@ -138,6 +141,7 @@ def test_what_is_refused_in_a_sentence(flown, capsys, words, sentence):
     assert sentence in said and "Traceback" not in said
 
 
+@pytest.mark.long
 def test_where_only_the_drag_shows_diagnose_says_so(flown, capsys):
     assert main(["diagnose", flown[0], "--replicas", "2"]) == 0
     assert "nothing could be looked for" in capsys.readouterr().out

@@ -37,6 +37,7 @@ def run(run_with_hidden_effect, tmp_path) -> sysid.Run:
     return sysid.load(tmp_path / "run")
 
 
+@pytest.mark.long
 def test_a_run_is_read_where_only_the_core_is_installed(run_with_hidden_effect):
     words = [sys.executable, "-c", WITHOUT_ROS, str(run_with_hidden_effect)]
     done = subprocess.run(words, capture_output=True, text=True, check=True)
@@ -54,6 +55,7 @@ def test_every_call_that_is_promised_is_there():
         _ = sysid.nobody
 
 
+@pytest.mark.long
 def test_calls_say_what_the_commands_say(run, capsys):
     capsys.readouterr()
     assert main(["compare", str(run.path), "--json"]) == 0
@@ -75,6 +77,7 @@ def test_calls_say_what_the_commands_say(run, capsys):
     assert {"alpha", "CZ"} <= set(run.points) and len(run.points) > 500
 
 
+@pytest.mark.long
 def test_a_picture_that_cannot_be_written_is_bad_input(run, pictures, tmp_path):
     found = sysid.compare(run)
     for name, sentence in (("none/x.png", "cannot write"), ("x.nope", "no kind of picture")):
@@ -95,6 +98,7 @@ def test_a_table_without_times_is_not_recorded(tmp_path):
     assert not Path(tmp_path, "run").exists()
 
 
+@pytest.mark.long
 def test_frames_of_pandas_become_the_same_recording(run_with_hidden_effect, tmp_path):
     """Samples go out as tables by sensor and come in again."""
     there = sysid.load(run_with_hidden_effect.parent / "flight")

@@ -57,6 +57,7 @@ def check_notes(notes, messages):
     assert f" of the {sum(messages.values())} messages that its summary counts could not be read: /imu/data " in counts
 
 
+@pytest.mark.long
 def test_replay_says_it_in_text_in_json_and_in_the_run(damaged, aircraft_file, tmp_path, capsys):
     bag, messages = damaged
     done = command("replay", bag, "--aircraft", aircraft_file, "--out", tmp_path / "run", "--json")
@@ -69,6 +70,7 @@ def test_replay_says_it_in_text_in_json_and_in_the_run(damaged, aircraft_file, t
     assert all(f"\nnote: {note}\n" in said for note in notes)
 
 
+@pytest.mark.long
 def test_import_says_it(damaged, tmp_path, capsys):
     bag, messages = damaged
     assert main(["import", str(bag), "--out", str(tmp_path / "bag"), "--json"]) == 0
@@ -87,6 +89,7 @@ def test_calibrate_says_it(damaged, aircraft_file):
     assert len(notes) > 2, "those of the calibration itself"
 
 
+@pytest.mark.long
 def test_play_says_it(damaged):
     pytest.importorskip("rclpy")
     bag, messages = damaged

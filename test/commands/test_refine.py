@@ -20,6 +20,7 @@ def run(tmp_path_factory, aircraft, aircraft_file):
     return folder / "run"
 
 
+@pytest.mark.long
 def test_a_run_holds_its_samples(run, aircraft):
     from aircraft_sysid_ros.recordings.reader import read_recording
 
@@ -30,6 +31,7 @@ def test_a_run_holds_its_samples(run, aircraft):
         np.testing.assert_array_equal(stored["values"], samples.values)
 
 
+@pytest.mark.long
 def test_refine_writes_file_and_figure(run, pictures, capsys, monkeypatch):
     capsys.readouterr()
     monkeypatch.setattr("aircraft_sysid_ros.commands.progress.TOLD_EVERY", 0.0)

@@ -85,6 +85,7 @@ def flown(aircraft):
     return simulate_samples(aircraft, seed=41, duration=90.0, sensors=SensorOptions(attitude=True))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("topics", "note"),
     [
@@ -101,6 +102,7 @@ def test_derivatives_without_part_or_all_of_the_gps(replayed, flown, aircraft, t
     assert wind == [None] * 3 if topics == GPS else np.abs(np.array(wind) - flown.truth.wind[-1]).max() < 1.0
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("rate", [pytest.param(25.0, marks=pytest.mark.long), 10.0])
 def test_a_slow_imu_without_gps_and_attitude_shows_the_main_derivatives(replayed, aircraft, rate):
     slow = simulate_samples(at_rate(aircraft, rate), seed=42, duration=90.0)
@@ -124,6 +126,7 @@ def test_twenty_short_manoeuvres_at_25_hertz_without_gps(replayed, aircraft, tmp
     assert len(result["state"]["manoeuvres"]) == 20 and result["state"]["wind_ned"] == [None] * 3
 
 
+@pytest.mark.long
 def test_without_vanes_and_gps_what_is_used_is_right(replayed, flown, aircraft):
     result = replayed(without(flown.streams, GPS, VANES))
     used = [p for p in result["parameters"]["parameters"] if p["status"] == "USE"]
@@ -137,6 +140,7 @@ def test_without_vanes_and_gps_what_is_used_is_right(replayed, flown, aircraft):
     assert not any("100 %" in text for text in result["notes"])
 
 
+@pytest.mark.long
 def test_without_airspeed_the_air_is_calm_only_on_request(replayed, aircraft):
     still = simulate_samples(aircraft, seed=43, duration=90.0, wind=(0.0, 0.0, 0.0), wind_walk=0.0)
     streams = without(still.streams, (), ("true_airspeed", *VANES))
@@ -181,6 +185,7 @@ def plain(aircraft):
     return simulate_samples(aircraft, seed=46, duration=40.0)
 
 
+@pytest.mark.long
 def test_angles_that_nothing_shows_are_named_by_every_command(replayed, plain, aircraft, tmp_path, capsys):
     result = replayed(without(plain.streams, GPS, VANES))
     for p in result["parameters"]["parameters"]:
@@ -204,6 +209,7 @@ def test_controls_that_are_not_there_are_named_by_every_command(replayed, plain,
         assert f"CX cannot be fitted: it {lacking}" in refusal(capsys, *command, tmp_path / "run")
 
 
+@pytest.mark.long
 def test_an_airspeed_that_comes_too_seldom_is_said_at_once_and_judged_by_nobody(replayed, plain, tmp_path, capsys):
     """Diagnosis named four effects in a flight that lacks none."""
     result = replayed(thinned(plain.streams, "air_data", 300))
@@ -216,6 +222,7 @@ def test_an_airspeed_that_comes_too_seldom_is_said_at_once_and_judged_by_nobody(
         assert slow in refusal(capsys, *command, tmp_path / "run")
 
 
+@pytest.mark.long
 def test_compare_does_not_blame_sensors_that_are_not_there(replayed, plain, tmp_path, capsys):
     replayed(without(plain.streams, (), VANES))
     assert main(["compare", str(tmp_path / "run"), "--json"]) == 0
@@ -226,6 +233,7 @@ def test_compare_does_not_blame_sensors_that_are_not_there(replayed, plain, tmp_
     assert any(note.startswith("alpha and beta are not measured but inferred from wind") for note in notes)
 
 
+@pytest.mark.long
 def test_all_gps_is_better_than_none(replayed, flown, aircraft):
     """And what is said goes when the sensor is there."""
     result = replayed(flown.streams)
@@ -263,6 +271,7 @@ REAL = {
 }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("name", "said"),
     [

@@ -44,6 +44,7 @@ def test_every_message_of_a_recording_has_its_frame(tmp_path):
     assert len(frames) == 6 and set(frames.values()) == {"gps", "base_link"}
 
 
+@pytest.mark.long
 def test_jsbsim_writes_its_aircraft_file_beside_the_truth(tmp_path):
     pytest.importorskip("jsbsim")
     result = call("--out", tmp_path / "bag", "--duration", 20, "--simulator", "jsbsim")
@@ -51,6 +52,7 @@ def test_jsbsim_writes_its_aircraft_file_beside_the_truth(tmp_path):
     assert load_truth(tmp_path / "bag")[0]["coefficients"] is None
 
 
+@pytest.mark.long
 def test_jsbsim_keeps_quiet_on_standard_output():
     """With --json there must be one document there and nothing else."""
     pytest.importorskip("jsbsim")
@@ -88,6 +90,7 @@ def test_bad_input_is_said_and_nothing_is_written(tmp_path, options, message):
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.long_after_the_first
 @pytest.mark.parametrize("name", ["bag", "bag.mcap"])
 def test_a_full_disk_leaves_nothing_behind(tmp_path, name, monkeypatch):
     """Full while the recording is written, and full when only the truth is left to be written."""

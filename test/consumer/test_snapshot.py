@@ -112,6 +112,7 @@ def test_what_was_never_learnt_may_be_nan(content):
     assert found.usable.tolist() == [False, True, True]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("estimator", ["rls", *(pytest.param(e, marks=pytest.mark.long) for e in ("fourier", "rml"))])
 def test_the_estimator_itself_is_never_refused(aircraft, flight, estimator):
     """From nothing learnt to the end of a flight in which a vane sticks: holds, a way back, what is not known."""

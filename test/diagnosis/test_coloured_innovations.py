@@ -45,6 +45,7 @@ def tilting(samples, size, period):
     return Samples(samples.stamp, samples.kind, values)
 
 
+@pytest.mark.long
 def test_where_the_noise_is_that_of_the_file_almost_all_count(flight):
     found = log_likelihood(flight.aircraft, flight.samples).independent
     kinds = (Kind.GPS_POSITION, Kind.GPS_VELOCITY, Kind.AIRSPEED, Kind.ANGLE_OF_ATTACK, Kind.SIDESLIP)
@@ -71,6 +72,7 @@ def test_a_sensor_counts_as_white_as_the_whiter_of_two_hypotheses_has_it():
     assert lost.over(right) == -np.inf
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("delay", [0.04, 0.08, 0.14])
 def test_an_attitude_says_nothing_of_a_late_probe(flight, delay):
     """A filter that starts later learns another noise of an attitude that errs, and its likelihood jumps by tens."""

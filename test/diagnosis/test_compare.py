@@ -28,6 +28,7 @@ def flight(aircraft):
     return settled_flight(reconstruct(aircraft, samples))
 
 
+@pytest.mark.long
 def test_the_axis_that_lacks_a_term_stands_out(flight) -> None:
     comparison = compare(flight)
     errors = {name: axis.fit.nrmse_held_out / axis.floor.nrmse for name, axis in comparison.axes.items()}
@@ -37,6 +38,7 @@ def test_the_axis_that_lacks_a_term_stands_out(flight) -> None:
     assert np.nanstd(comparison.axes["CZ"].predicted - flight.measured[:, 2]) < 0.2 * np.std(flight.measured[:, 2])
 
 
+@pytest.mark.long
 def test_json_is_that_of_the_interface(flight) -> None:
     content = json.loads(json_text(compare(flight).json))
     assert list(content["axes"]) == list(AXES)
@@ -48,6 +50,7 @@ def test_json_is_that_of_the_interface(flight) -> None:
     assert [p["nrmse"] for p in content["worst"]] == sorted((p["nrmse"] for p in content["worst"]), reverse=True)
 
 
+@pytest.mark.long
 def test_an_axis_that_a_few_blocks_determine_is_warned_of(flight) -> None:
     """The rudder moves in one block alone: the fit to all points knows its power, the others predict it badly."""
     random = np.random.default_rng(0)

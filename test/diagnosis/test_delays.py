@@ -19,6 +19,8 @@ from aircraft_sysid_ros.sensors.sensor_models import SensorOptions
 from aircraft_sysid_ros.simulation.simulated_flight import simulate_samples
 
 
+@pytest.mark.long
+@pytest.mark.long_after_the_first
 @pytest.mark.parametrize("late", [0.0, 0.08])
 def test_a_late_imu_is_told_in_gusts_too(aircraft, late):
     samples = simulate_samples(aircraft, 31, 45.0, turbulence="light", manoeuvres="standard").samples
@@ -34,6 +36,7 @@ def test_a_late_imu_is_told_in_gusts_too(aircraft, late):
         assert lag.value > 0.03 and imu_explains(lag, flight)
 
 
+@pytest.mark.long
 def test_surfaces_that_are_late_are_not_laid_to_the_imu(aircraft):
     samples = simulate_samples(aircraft, 31, 45.0, turbulence="light", hidden=[("actuator_lag", 1.0)]).samples
     without = samples[samples.kind != Kind.ATTITUDE]
@@ -47,6 +50,7 @@ def test_surfaces_that_are_late_are_not_laid_to_the_imu(aircraft):
 SERVOS = [(0.06, 0.0, "lag"), pytest.param(0.0, 0.06, "delay", marks=pytest.mark.long), (0.03, 0.06, "delay")]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("lag", "dead_time", "first"), SERVOS)
 def test_of_a_delay_and_a_lag_the_likelier_is_told_and_then_what_is_beside_it(aircraft, lag, dead_time, first):
     sensors = SensorOptions(command_lag=lag, command_dead_time=dead_time, attitude=True)
@@ -66,6 +70,7 @@ def test_a_delay_of_the_controls_must_explain_what_it_was_fitted_to():
     assert control_gain(before, {"Cl": (1.1, 0.7), "Cm": (0.5, 0.6)}) < 0.0
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("late_by", "stated", "name"),
     [(0.11, 0.0, "late_controls"), (0.11, 0.06, "late_controls"), (-0.12, 0.0, "actuator_lag")],

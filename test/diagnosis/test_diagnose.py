@@ -65,6 +65,7 @@ def two_effects(aircraft):
     return diagnose_flight(aircraft, flight.samples, SOME, replicas=4)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("turbulence", [pytest.param("none", marks=pytest.mark.long), "light"])
 def test_nothing_is_missing_in_a_clean_flight(aircraft, turbulence):
     found = diagnose_flight(aircraft, flight_of(aircraft, turbulence=turbulence).samples, SOME, replicas=2)
@@ -110,6 +111,7 @@ def test_another_shape_of_what_was_found_is_no_further_effect(aircraft):
     assert 'add the expression "Cm: flaps**3", too' in said["advice"]
 
 
+@pytest.mark.long
 def test_what_hardly_moves_a_coefficient_does_not_matter(two_effects):
     finding = two_effects.diagnosis.found[0]
     axis = finding.trial.main_axis
@@ -118,6 +120,7 @@ def test_what_hardly_moves_a_coefficient_does_not_matter(two_effects):
     assert not replace(finding, trial=replace(finding.trial, gains={**finding.trial.gains, axis: small})).matters
 
 
+@pytest.mark.long
 def test_a_further_effect_lowers_the_error_as_it_is_added(two_effects):
     finding = two_effects.diagnosis.found[1]
     idle = CandidateEvaluator(finding.flight).best_of(BY_ID["propeller_torque"])
@@ -125,11 +128,13 @@ def test_a_further_effect_lowers_the_error_as_it_is_added(two_effects):
     assert idle is not None and not replace(finding, trial=idle).lowers_the_error()
 
 
+@pytest.mark.long
 def test_the_size_of_an_effect_is_that_of_the_simulation(two_effects):
     values = {p["term"]: p["value"] for c in two_effects.json["candidates"][:2] for p in c["parameters"]}
     assert values["alpha*beta"] == pytest.approx(-0.8, rel=0.05)
 
 
+@pytest.mark.long
 def test_with_what_was_found_the_error_is_that_of_the_truth(two_effects):
     for axis in ("Cl", "CX"):
         assert two_effects.diagnosis.bench.fits[axis].nrmse_held_out < 1.4 * two_effects.diagnosis.floor[axis]
@@ -146,6 +151,7 @@ def test_a_servo_that_follows_with_a_lag_is_late_and_has_no_limit_of_its_rate() 
     assert any("a lag that was found in this flight" in note for note in said["notes"])
 
 
+@pytest.mark.long
 def test_an_effect_outside_the_library_is_unexplained_and_not_given_another_name(two_effects):
     library = [effect for effect in SOME if effect.identifier != "dihedral_alpha"]
     without = diagnose(CandidateEvaluator(two_effects.flight), two_effects.replicas, library)
@@ -154,6 +160,7 @@ def test_an_effect_outside_the_library_is_unexplained_and_not_given_another_name
     assert best.trial.candidate.effect is None and best.trial.candidate.label == "Cl: alpha*beta"
 
 
+@pytest.mark.long
 def test_the_json_is_that_of_the_interface(two_effects):
     said = json.loads(json.dumps(two_effects.json))
     assert {"verdict", "candidates", "advice"} <= set(said)
@@ -187,6 +194,7 @@ def test_a_replica_of_a_flight_with_an_effect_is_as_noisy_as_a_flight_without(ai
 # -- measurement ---------------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_a_wrong_scale_of_the_vane_is_found_before_aerodynamics_is_blamed(aircraft):
     """The file says 1, the vane shows 15 % more; the first step's likelihood alone knows."""
     truth = with_setting(aircraft, ("sensors", "angle_of_attack", "scale"), 1.15)
@@ -214,6 +222,7 @@ def test_a_slow_drift_of_the_air_data_is_found_before_aerodynamics_is_blamed(air
     assert f"it shows {each:.2g} {unit} per minute" in first["where"]
 
 
+@pytest.mark.long
 def test_gusts_are_no_drift(aircraft):
     """A drift counts where the air is calm once it is taken off: here it is not."""
     samples = simulate_samples(aircraft, 22, 60.0, turbulence="light").samples
@@ -236,6 +245,7 @@ def test_faults_of_transmission_do_not_count_as_noise(aircraft):
         assert found.sensors[name].noise[0] == pytest.approx(known.sensors[name].noise[0], rel=0.05)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("scale", [pytest.param(0.5, marks=pytest.mark.long), 2.0])
 def test_noise_that_the_file_does_not_know_is_no_fault_of_a_scale(aircraft, scale):
     """Sensors twice or half as noisy as the file says: the flight tells, and no setting is preferred for it."""
@@ -286,6 +296,7 @@ def test_the_command_prints_one_document_and_keeps_it(run_folder, capsys):
     assert json.loads((run_folder / "diagnosis.json").read_text()) == said
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("arguments", "words"), [(["nowhere"], "is no run"), (["RUN", "--replicas", "1"], "must be from 2 to 50")]
 )
@@ -302,6 +313,7 @@ def without_vanes(flight, late=0.0):
     return replace(samples, stamp=stamp)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("seed", "late"), [(41, 0.0), (44, 0.0), (46, 0.1)])
 def test_a_delay_of_the_controls_does_not_stand_for_angles_that_are_inferred(aircraft, seed, late):
     """C_Z of the first two gains by a delay, and C_l loses by it: a surface that is late is late in every moment."""
@@ -313,6 +325,7 @@ def test_a_delay_of_the_controls_does_not_stand_for_angles_that_are_inferred(air
         assert found == []
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("inferred", [(), ("beta",)])
 def test_what_rests_on_inferred_angles_is_listed_and_not_named(aircraft, inferred):
     """A rolling moment that the model lacks: with a vane it has a name, without one it may be an error of sideslip."""
@@ -370,6 +383,7 @@ def test_the_rule_that_refuses_an_effect_of_size_is_said(aircraft):
     assert replace(rarely, trial=unnamed, nested=NestedValidation(names, 0.2)).times_again == 3
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("size", "named"), [(1.1, "dihedral_alpha"), (0.8, "sideslip_pitching")])
 def test_of_a_surer_effect_and_one_that_explains_clearly_more_that_is_named(aircraft, size, named):
     """That something is missing the first one proves, what it is the other one tells."""
@@ -414,6 +428,7 @@ def test_a_rival_with_fewer_numbers_goes_first_where_it_explains_more_of_the_axi
     assert not is_simpler(finding(CZ="beta**2", Cm="beta**2"), both)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("must", "alike"), [((), ("twin",)), (("Cn",), ())])
 def test_what_physics_rules_out_is_not_what_it_may_as_well_be(aircraft, must, alike):
     """The same rolling moment, of an effect that may have a yawing moment or must have one, which is not there."""
@@ -432,6 +447,7 @@ def test_what_physics_rules_out_is_not_what_it_may_as_well_be(aircraft, must, al
     assert found.found[0].confounded_with == alike
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("lost", "roll", "found", "refused"),
     [
@@ -461,6 +477,7 @@ def test_a_half_that_is_lost_is_missed_in_pitch(aircraft, lost, roll, found, ref
         assert named[0].variant == "one half of the elevator" and first.refusal(first=True) == ""
 
 
+@pytest.mark.long_after_the_first
 @pytest.mark.parametrize("less", [0.3, 0.9])
 def test_what_only_resembles_what_cannot_be_is_not_named(aircraft, less):
     """One explains clearly more but is ruled out: another one that explains little beside it is not the name either."""
@@ -527,6 +544,7 @@ def test_an_axis_that_is_noise_is_said(aircraft, of_flight, of_replicas):
     assert ("Of C_m noise makes most" in said["advice"]) == (of_flight > 0.0)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("elsewhere", [0.0, 0.3])
 def test_amid_axes_that_nothing_explains_an_effect_must_explain_most(aircraft, elsewhere):
     """What explains a third of C_l is named where the rest of the model holds, and not where it fails widely."""
@@ -561,6 +579,7 @@ def test_a_clean_flight_without_vanes_is_given_nothing():
     assert (said["verdict"], said["candidates"]) == ("none", [])
 
 
+@pytest.mark.long
 def test_replicas_noisier_than_the_flight_hide_no_effect(aircraft):
     """An aircraft file that says nothing of the gyro may make replicas noisier than the flight is."""
 

@@ -67,6 +67,7 @@ def test_slopes_of_the_model_are_those_of_its_formula(aircraft):
             np.testing.assert_allclose(slope, expected, rtol=1e-3, atol=1e-6)
 
 
+@pytest.mark.long
 def test_a_vane_that_bends_in_gusts_is_told_by_forces_and_moments(aircraft):
     flown = simulate_samples(aircraft, 41, 45.0, turbulence="light", hidden=[("alpha_drift", 2.0)])
     ((_, rate),) = flown.hidden[0].settings
@@ -79,6 +80,7 @@ def test_a_vane_that_bends_in_gusts_is_told_by_forces_and_moments(aircraft):
     assert "fits forces and moments better" in first["where"]
 
 
+@pytest.mark.long
 def test_a_drift_that_grows_to_less_than_what_matters_is_none(monkeypatch, aircraft):
     """The flight of the test above, of which forces and moments show the drift; a limit beyond it refuses the name."""
     flown = simulate_samples(aircraft, 41, 45.0, turbulence="light", hidden=[("alpha_drift", 2.0)])

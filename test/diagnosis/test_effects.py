@@ -258,6 +258,7 @@ def test_a_surface_at_its_greatest_rate_lacks_what_is_left_of_the_command():
     np.testing.assert_allclose(column[11:], 0.0, atol=1e-12)
 
 
+@pytest.mark.long
 def test_a_surface_at_its_greatest_rate_is_followed_as_quickly_as_it_was_recorded(aircraft):
     """Of means over windows the same limit makes another motion, and its error outweighs what it explains."""
     flown = simulate_samples(aircraft, 4, 45.0, hidden=[("rate_limit", 1.0)])

@@ -162,6 +162,7 @@ def test_straight_flight_tells_no_wind() -> None:
     assert wind is None or not (wind.is_there and wind.is_known)
 
 
+@pytest.mark.long
 def test_forces_of_the_balance_are_those_of_the_imu(engine) -> None:
     balance = force_balance(engine.aircraft, engine.samples)
     imu = engine.samples.values[engine.samples.kind == Kind.IMU]
@@ -173,6 +174,7 @@ def test_forces_of_the_balance_are_those_of_the_imu(engine) -> None:
 # -- flights --------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_an_elevon_that_sticks_is_named_and_dated(stuck) -> None:
     (found,) = failures_of(stuck.aircraft, stuck.samples).found
     assert found.name == "elevon_left" and found.end is None
@@ -180,6 +182,7 @@ def test_an_elevon_that_sticks_is_named_and_dated(stuck) -> None:
     assert abs(found.left) < 0.35, "nothing is left of what it does"
 
 
+@pytest.mark.long
 def test_an_engine_that_fails_is_named_and_dated_at_10_hz(engine, engine_report) -> None:
     report = engine_report
     (found,) = report.found
@@ -193,12 +196,14 @@ def test_an_engine_that_fails_is_named_and_dated_at_10_hz(engine, engine_report)
     assert (stamp - first) * 1e-9 == pytest.approx(found.begin, abs=1e-3)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("layout", ["airspeed, 10 Hz", pytest.param("no airspeed, 60 Hz", marks=pytest.mark.long)])
 def test_nothing_is_named_where_nothing_fails(layout) -> None:
     flight = flights.fly(3002, flights.LAYOUTS[layout], "none")
     assert not failures_of(flight.aircraft, flight.samples).says_something
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", [7100, 7105])
 def test_an_engine_that_takes_seconds_to_follow_its_throttle_is_dated_all_the_same(seed) -> None:
     layout = list(flights.LAYOUTS.values())[seed % 4]
@@ -207,6 +212,7 @@ def test_an_engine_that_takes_seconds_to_follow_its_throttle_is_dated_all_the_sa
     assert found.name == "engine" and found.is_loss_of_thrust and abs(found.begin - flight.begin) < 1.5
 
 
+@pytest.mark.long
 def test_with_vanes_and_commands_too_slow_for_the_library_the_forces_judge_the_surfaces() -> None:
     flight = flights.fly(8100, flights.Layout(25.0, 2.5, 10.0, elevons=False, vanes=True), "aileron")
     said = answer(flight.aircraft, flight.samples)
@@ -228,6 +234,7 @@ def test_a_jet_that_is_throttled_back_has_not_lost_its_engine() -> None:
     assert report is not None and not report.says_something
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("seed", "failure"), [(9720005, "engine"), (9710003, "none")])
 def test_with_vanes_an_engine_is_told_by_the_forces_where_nobody_measured_its_thrust(seed, failure) -> None:
     flight = flights.fly(seed, flights.WITH_VANES, failure)
@@ -253,6 +260,7 @@ def test_an_elevon_that_is_held_for_seconds_only_is_told_by_two_moments() -> Non
     assert abs(found.begin - flight.begin) < 0.5 and abs(found.end - flight.end) < 0.5
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("seed", "layout"),
     [
@@ -267,6 +275,7 @@ def test_what_only_seems_to_fail_is_none(seed, layout) -> None:
     assert not failures_of(flight.aircraft, flight.samples).says_something
 
 
+@pytest.mark.long
 def test_a_control_that_does_something_else_to_the_end_is_unexplained() -> None:
     """An elevator that sticks where it is, in a flight whose autopilot hardly moves it: not enough for the name."""
     flight = flights.fly(9970001, flights.LAYOUTS["airspeed, 50 Hz"], "elevator")
@@ -300,6 +309,7 @@ def hard_over():
     return flights.fly(8400502, flights.LAYOUTS["no airspeed, 25 Hz"], "rudder", moved=True)
 
 
+@pytest.mark.long
 def test_a_rudder_that_goes_hard_over_is_a_moment_that_no_input_shows(hard_over) -> None:
     report = failures_of(hard_over.aircraft, hard_over.samples)
     assert report.found == () and report.changed is not None, (
@@ -324,6 +334,7 @@ def test_a_rudder_that_stands_aside_does_not_keep_a_third_of_its_effect() -> Non
     assert abs(report.changed.begin - flight.begin) < 1.0
 
 
+@pytest.mark.long
 def test_a_surface_that_keeps_part_of_its_effect_is_named_with_what_is_left() -> None:
     flight = flights.fly(8420005, flights.LAYOUTS["airspeed, 50 Hz"], "part of elevator")
     (found,) = failures_of(flight.aircraft, flight.samples).found
@@ -333,6 +344,7 @@ def test_a_surface_that_keeps_part_of_its_effect_is_named_with_what_is_left() ->
     assert "keeps 4" in sentence_of(found) and "of its effect" in sentence_of(found)
 
 
+@pytest.mark.long
 def test_inputs_that_a_flight_does_not_show_are_said_and_not_called_sound() -> None:
     flight = flights.fly(3002, flights.LAYOUTS["airspeed, 10 Hz"], "none")
     controls = flight.samples.kind == Kind.CONTROLS
@@ -344,6 +356,7 @@ def test_inputs_that_a_flight_does_not_show_are_said_and_not_called_sound() -> N
     assert "Whether" in advice and "rudder" in advice.partition("Whether")[2]
 
 
+@pytest.mark.long
 def test_the_answer_needs_airspeed_or_the_choice_of_calm_air(stuck) -> None:
     with pytest.raises(InputError, match="--calm-air"):
         answer(stuck.aircraft, stuck.samples)
@@ -370,6 +383,7 @@ def run_without_vanes(engine, tmp_path_factory):
     return written(tmp_path_factory.mktemp("runs") / "engine", engine)
 
 
+@pytest.mark.long
 def test_what_forces_alone_have_found_is_added_and_taken_back(run_without_vanes, engine, engine_report) -> None:
     (found,) = engine_report.found
     added = add(run_without_vanes, "loss_of_thrust")
@@ -385,6 +399,7 @@ def test_what_forces_alone_have_found_is_added_and_taken_back(run_without_vanes,
     assert open_run(run_without_vanes).current.changes == {}
 
 
+@pytest.mark.long
 def test_what_the_model_has_failed_is_not_called_sound(engine, engine_report) -> None:
     report = engine_report
     (found,) = report.found
@@ -394,6 +409,7 @@ def test_what_the_model_has_failed_is_not_called_sound(engine, engine_report) ->
     assert headline(said) == "no input has stopped acting, more was not looked for"
 
 
+@pytest.mark.long
 def test_nothing_is_added_by_forces_where_diagnose_would_say_nothing(stuck, tmp_path) -> None:
     written(tmp_path / "run", stuck)
     with pytest.raises(InputError, match="replay it with --calm-air"):
@@ -401,6 +417,7 @@ def test_nothing_is_added_by_forces_where_diagnose_would_say_nothing(stuck, tmp_
     assert not (tmp_path / "run" / "models").exists()
 
 
+@pytest.mark.long
 def test_a_wind_contradicts_calm_air(stuck, engine) -> None:
     assert "wind of" in contradicted_calm(stuck.samples, stuck.aircraft.minimum_airspeed)
     assert contradicted_calm(engine.samples, engine.aircraft.minimum_airspeed) == "", "its airspeed is measured"

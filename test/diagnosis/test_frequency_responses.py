@@ -34,6 +34,7 @@ def responses(flown):
     return {(each.rate, each.control): each for each in rate_responses(flown)}
 
 
+@pytest.mark.long
 def test_roll_rate_follows_the_aileron_as_the_roll_mode_does(flight, flown, responses):
     """p / da = L_da / (s - L_p), above the frequencies of the Dutch roll, from the coefficients that flew."""
     aircraft, found = flown.aircraft, responses["p", "da"]

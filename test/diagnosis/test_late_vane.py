@@ -46,6 +46,7 @@ def expression(bench, axis, text):
     return bench.trial(next(c for c in expressions(bench.data) if c.terms.get(axis) == (text,)))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("axis", "text"), [("Cn", "V*beta_dot"), ("Cm", "alpha_dot")])
 def test_a_rate_of_an_angle_is_its_vane(bench, axis, text):
     trial = expression(bench, axis, text)
@@ -56,6 +57,7 @@ def test_a_rate_of_an_angle_is_its_vane(bench, axis, text):
     assert "ms late explains it as well" in finding.refusal(first=True) and not finding.matters
 
 
+@pytest.mark.long
 def test_a_vane_that_is_described_is_as_it_says(aircraft, samples):
     said = {**aircraft.source, "sensors": {"air_data": {"delay": 0.0}}}
     bench = bench_of(aircraft_from_dict(said), samples)
@@ -63,6 +65,7 @@ def test_a_vane_that_is_described_is_as_it_says(aircraft, samples):
     assert np.isnan(delay_that_explains(bench, expression(bench, "Cn", "V*beta_dot"), first))
 
 
+@pytest.mark.long
 def test_a_memory_that_the_lift_does_not_share_is_none_of_the_vane(aircraft):
     """The downwash reaches the tail late, which is in the moment: as late a vane would be in the lift, too."""
     lag = [Added("Cm", "alpha_dot", -12.0)]
@@ -71,6 +74,7 @@ def test_a_memory_that_the_lift_does_not_share_is_none_of_the_vane(aircraft):
     assert np.isnan(delay_that_explains(bench, trial, bench.fits["Cm"].nrmse_held_out))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("axis", "value", "refused"), [("CZ", 18.0, True), ("Cm", 4.0, True), ("Cm", -6.0, False)])
 def test_a_lag_of_the_downwash_has_the_sign_and_the_size_of_one(aircraft, axis, value, refused):
     added = [Added(axis, "alpha_dot", value)]

@@ -58,6 +58,7 @@ def clean(aircraft):
 # -- what is kept ----------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_windows_begin_when_settled_and_do_not_overlap(clean):
     flight, newest = clean
     assert flight.data.time[0] >= live.SETTLING
@@ -68,6 +69,7 @@ def test_windows_begin_when_settled_and_do_not_overlap(clean):
         assert window.bias_std.shape == (len(window.data.time), 3)
 
 
+@pytest.mark.long
 def test_short_flights_are_not_judged(hidden):
     assert live.windows(hidden.aircraft, SampleMemory(), STEP) == []
     assert live.windows(hidden.aircraft, memory_of(hidden, end=75.0), STEP) == []
@@ -78,6 +80,7 @@ def test_short_flights_are_not_judged(hidden):
 # -- the verdict -----------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_the_hidden_effect_is_named(windows, found):
     assert found.verdict == "missing"
     assert found.model == windows[0].data.model.identifier
@@ -90,6 +93,7 @@ def test_the_hidden_effect_is_named(windows, found):
     assert "C_l" in first["where"]
 
 
+@pytest.mark.long
 def test_outside_the_library_it_is_unexplained_in_the_right_words(windows):
     found = live.diagnose_live(windows, [e for e in BY_ID.values() if e.identifier != "dihedral_alpha"])
     assert found.verdict == "unexplained"
@@ -97,12 +101,14 @@ def test_outside_the_library_it_is_unexplained_in_the_right_words(windows):
     assert "depends on alpha*beta" in found.advice
 
 
+@pytest.mark.long
 def test_nothing_is_said_of_a_clean_flight(clean):
     found = live.diagnose_live(clean)
     assert (found.verdict, found.findings) == ("none", ())
     assert "Nothing is missing" in found.content["advice"]
 
 
+@pytest.mark.long
 def test_what_reads_the_forces_is_not_judged(windows, found):
     terms = [c for f in found.findings for ts in f.trial.candidate.terms.values() for c in ts]
     assert not any("_dot" in term for term in terms)
@@ -114,6 +120,7 @@ def test_what_reads_the_forces_is_not_judged(windows, found):
 # -- the null --------------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_bias_drift_has_the_covariance_of_a_constant_that_becomes_known(clean):
     """Errors b(t) of the best estimate of a constant: cov(b(t), b(s)) = variance at the later time."""
     flight = clean[0]
@@ -157,6 +164,7 @@ def test_terms_of_an_effect_have_its_inner_numbers_fitted(windows):
     assert set(terms) <= {"CZ", "CX", "Cm"} and all("{" not in t for ts in terms.values() for t in ts)
 
 
+@pytest.mark.long
 def test_what_is_not_missing_costs_more_than_it_explains(windows, clean):
     assert live.terms_of_effect(BY_ID["dihedral_alpha"], windows[0])[1]
     for absent in ("control_damage", "stuck_control", "parameter_change", "stall"):
@@ -245,6 +253,7 @@ def answer_of(worker):
     return answer
 
 
+@pytest.mark.long
 def test_the_worker_answers_and_ends_with_us(windows, found):
     worker = LiveWorker()
     assert not worker.busy and worker.answer() is None

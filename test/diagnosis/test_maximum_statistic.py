@@ -41,6 +41,7 @@ def smallest(scores):
     return min(null.test(str(i), own[0])[2] for i, own in enumerate(scores))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("draw", [normal, skewed, heavy, alike])
 def test_of_flights_in_which_nothing_is_missing_few_are_significant(draw: Callable) -> None:
     random = np.random.default_rng(5)
@@ -49,6 +50,7 @@ def test_of_flights_in_which_nothing_is_missing_few_are_significant(draw: Callab
     assert np.mean(found < 0.01) < 0.03
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("draw", [normal, skewed, heavy, alike])
 def test_what_is_far_beyond_the_replicas_is_significant(draw: Callable) -> None:
     random, sure = np.random.default_rng(6), 0

@@ -50,6 +50,7 @@ def calm_flight(aircraft):
     return aircraft, simulate_samples(aircraft, 31, 60.0, hidden=[("alpha_offset", 1.0)])
 
 
+@pytest.mark.long
 def test_a_vane_that_is_mounted_wrong_is_told_from_one_that_bends(calm_flight):
     aircraft, flown = calm_flight
     ((_, offset),) = flown.hidden[0].settings
@@ -149,6 +150,7 @@ def test_a_late_gps_and_a_late_imu_are_flown_as_they_are_hidden(aircraft):
         assert flown.hidden[0].sensors_of(aircraft).sensors[sensor].delay == pytest.approx(lag)
 
 
+@pytest.mark.long
 def test_a_gps_that_is_late_is_found_in_gusts(aircraft):
     flown = simulate_samples(aircraft, 7, 40.0, hidden=[("gps_lag", 1.0)], turbulence="light")
     ((_, lag),) = flown.hidden[0].settings
@@ -159,6 +161,7 @@ def test_a_gps_that_is_late_is_found_in_gusts(aircraft):
     assert found.value - found.nominal == pytest.approx(lag - aircraft.sensors["gps_velocity"].delay, abs=0.05)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("other_way", "is_said"), [(-1.0, True), (0.2, True), (0.9, False)])
 def test_a_delay_of_the_controls_gains_more_than_one_the_other_way(calm_flight, monkeypatch, other_way, is_said):
     """A surface that follows the gyros is their derivative when it is shifted, whichever way."""

@@ -72,6 +72,7 @@ def test_every_block_is_hidden_once_but_those_in_which_a_change_begins_or_ends(b
     assert BLOCK * 50 <= 251.0 < BLOCK * 51
 
 
+@pytest.mark.long
 def test_the_best_of_many_moments_of_nothing_explains_nothing_of_what_it_was_not_chosen_on(aircraft, here):
     """A step at the best of many moments lowers the held-out error of noise, but not that of flight it did not see."""
     gains, nested = [], []

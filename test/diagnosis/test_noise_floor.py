@@ -99,6 +99,7 @@ def test_response_is_the_noise_of_the_measured_coefficients(aircraft) -> None:
         assert np.std(found[:, index]) == pytest.approx(std, rel=0.07), AXES[index]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed, turbulence", [(5, "none"), (8, "light")])
 def test_flights_without_missing_effects_reach_the_floor(aircraft, seed: int, turbulence: str) -> None:
     """Within 20 %, 25 % in turbulence; the residual is noise; nothing is said of the sensors."""
@@ -112,6 +113,7 @@ def test_flights_without_missing_effects_reach_the_floor(aircraft, seed: int, tu
     assert all(place.excess < 2.5 for place in comparison.worst)
 
 
+@pytest.mark.long
 def test_a_bias_that_nothing_shows_is_part_of_the_floor_where_speeds_differ(aircraft) -> None:
     """Level and without an attitude the bias across looks like a bank: at three speeds it is no constant of C_Y."""
     flown = hidden_flight("textbook", None, seed=23, duration=90.0, turbulence="none", noise_scale=1.0, strength=1.0)
@@ -124,6 +126,7 @@ def test_a_bias_that_nothing_shows_is_part_of_the_floor_where_speeds_differ(airc
     assert np.abs(axis.floor.without_bias(stands)).max() < 0.05 * np.abs(stands).max()
 
 
+@pytest.mark.long
 def test_at_one_speed_a_bias_is_the_constant(aircraft) -> None:
     flight = flight_without_missing_effects(aircraft, 5)
     steady = flight.signals.copy()
@@ -135,6 +138,7 @@ def test_at_one_speed_a_bias_is_the_constant(aircraft) -> None:
         assert bias.shape == (len(flight.time), 0) if axis in MOMENTS else np.abs(bias[:, 0]).max() < 1e-9, axis
 
 
+@pytest.mark.long
 def test_sensors_noisier_than_the_file_are_noticed(aircraft) -> None:
     """An accelerometer with four times the noise: seen in the fast part of C_X and C_Y, by about as much."""
     quiet = {**aircraft.sensors, "accelerometer": replace(aircraft.sensors["accelerometer"], noise=(0.0075,))}

@@ -35,12 +35,14 @@ def offset(aircraft):
     return flight, calm, found, mended
 
 
+@pytest.mark.long
 def test_replicas_have_sensors_that_are_right(offset):
     _, calm, found, mended = offset
     assert max(in_replicas(found, mended, calm, 3).gains) < 0.1 * found.gain
     assert chance_of(found, {}, mended, calm, 20, 3) < 0.01
 
 
+@pytest.mark.long
 def test_surfaces_of_replicas_move_when_they_should(aircraft):
     """The motion of a flight whose controls are recorded 0.05 s before they act is not that of its records."""
     samples = simulate_samples(aircraft, 32, 45.0).samples
@@ -52,6 +54,7 @@ def test_surfaces_of_replicas_move_when_they_should(aircraft):
     assert max(in_replicas(found, mended, calm, 2).gains) < 0.1 * found.gain
 
 
+@pytest.mark.long
 def test_surfaces_of_replicas_move_as_servos_do(aircraft):
     samples = simulate_samples(aircraft, 32, 45.0, sensors=SensorOptions(command_lag=0.06)).samples
     flight, calm = reconstruct_as_flown(aircraft, samples, with_covariance=False)
@@ -79,6 +82,7 @@ def test_what_replicas_feign_as_well_is_no_fault(aircraft, offset, monkeypatch):
     assert set(said) == {"look at the measurement in replicas"}
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("stated", "left", "needed"), [(False, 0.9, False), (False, 5.0, True), (True, 0.9, True)])
 def test_a_fault_that_a_place_explains_which_the_file_leaves_out_is_none(
     aircraft, offset, monkeypatch, stated, left, needed

@@ -68,6 +68,7 @@ def runs(aircraft_file, folder):
     return made
 
 
+@pytest.mark.long
 def test_a_load_in_the_second_flight_is_named_with_its_flight(runs):
     body = join_runs([runs["monday"], runs["loaded"]])
     library = [BY_ID[name] for name in ("mass_change", "cg_shift", "parameter_change")]
@@ -106,6 +107,7 @@ def test_of_two_flights_the_second_is_named(runs, capsys):
     assert "Between the flights this changed: Change of mass, in loaded." in said
 
 
+@pytest.mark.long
 def test_runs_are_held_out_whole_and_what_happened_once_by_blocks(runs):
     body = join_runs([runs["monday"], runs["loaded"], runs["tuesday"]])
     data = settled_flight(reconstruct(body.aircraft, body.samples, with_covariance=False))
@@ -128,6 +130,7 @@ def test_runs_are_held_out_whole_and_what_happened_once_by_blocks(runs):
 # -- two runs side by side -----------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_two_flights_of_one_aeroplane_differ_in_nothing(runs):
     found = ask("compare", runs["monday"], "--with", runs["tuesday"])["with"]
     assert (found["runs"], found["same_flight"], found["differing"]) == (["monday", "tuesday"], False, [])
@@ -137,6 +140,7 @@ def test_two_flights_of_one_aeroplane_differ_in_nothing(runs):
         assert own == alone["axes"][axis]["nrmse_held_out"]
 
 
+@pytest.mark.long
 def test_a_load_is_what_differs_between_two_flights(runs, folder, capsys):
     """Coefficients of force are m_file / m times what they were; the model of the one does badly on the other.
 
@@ -182,6 +186,7 @@ def test_p_values_by_holm():
     assert holm(np.array([0.01, 0.04, 0.03, 0.005])) == pytest.approx([0.03, 0.06, 0.06, 0.02])
 
 
+@pytest.mark.long
 def test_what_cannot_stand_side_by_side(runs, capsys, tmp_path):
     assert "is given twice" in refused(capsys, "compare", runs["monday"], "--with", runs["monday"])
     said = refused(capsys, "compare", runs["monday"], "--with", "nobody")
@@ -190,6 +195,7 @@ def test_what_cannot_stand_side_by_side(runs, capsys, tmp_path):
     assert "is no run" in refused(capsys, "compare", runs["monday"], "--with", tmp_path / "nothing")
 
 
+@pytest.mark.long
 def test_samples_know_their_run(runs):
     parts = [read_samples(runs[name]) for name in ("monday", "tuesday")]
     cut = [part[(np.arange(len(part)) // 4000) < 2] for part in parts]
@@ -206,6 +212,7 @@ def test_samples_know_their_run(runs):
 # -- what is refused -----------------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_another_aeroplane_is_refused_and_the_key_named(runs, folder, capsys):
     other = shutil.copytree(runs["tuesday"], folder / "other")
     file = yaml.safe_load((other / "aircraft.yaml").read_text())
@@ -216,6 +223,7 @@ def test_another_aeroplane_is_refused_and_the_key_named(runs, folder, capsys):
     assert "not runs of one aeroplane: inertia.yy is" in said and said.endswith("replay both with one aircraft file")
 
 
+@pytest.mark.long
 def test_a_name_alone_makes_no_other_aeroplane(runs, folder):
     other = shutil.copytree(runs["tuesday"], folder / "renamed")
     file = yaml.safe_load((other / "aircraft.yaml").read_text())
@@ -223,6 +231,7 @@ def test_a_name_alone_makes_no_other_aeroplane(runs, folder):
     assert join_runs([runs["monday"], other]).names == ("monday", "renamed")
 
 
+@pytest.mark.long
 def test_another_model_is_refused(runs, folder, capsys):
     other = shutil.copytree(runs["tuesday"], folder / "extended")
     ask("add", other, "CZ: alpha**3")
@@ -230,6 +239,7 @@ def test_another_model_is_refused(runs, folder, capsys):
     assert "extended has the model" in said and said.endswith("bring them to one model with add and remove")
 
 
+@pytest.mark.long
 def test_the_same_flight_twice_is_refused(runs, folder, capsys):
     assert "is given twice" in refused(capsys, "diagnose", runs["monday"], runs["monday"])
     copy = shutil.copytree(runs["monday"], folder / "copy")

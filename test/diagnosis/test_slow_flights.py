@@ -35,6 +35,7 @@ def compared(samples: Samples) -> Comparison:
     return compare(settled_flight(reconstruct(seen, samples, with_covariance=True)))
 
 
+@pytest.mark.long
 def test_rates_are_those_of_the_stamps_where_the_imu_is_sparse() -> None:
     aircraft, samples = file_of_users(), fast_flight(SEED).samples
     dense = thinned(samples, 100.0, air=20.0)
@@ -46,6 +47,7 @@ def test_rates_are_those_of_the_stamps_where_the_imu_is_sparse() -> None:
     assert rates == pytest.approx(expected, rel=0.1)
 
 
+@pytest.mark.long
 def test_motion_between_sparse_samples_is_not_taken_for_noise() -> None:
     """Third differences at 10 Hz are motion: the noise of the file stands, and that of fast air data is still read."""
     aircraft, samples = file_of_users(), fast_flight(SEED).samples
@@ -58,6 +60,7 @@ def test_motion_between_sparse_samples_is_not_taken_for_noise() -> None:
     assert slow.sensors["airspeed"] == aircraft.sensors["airspeed"]
 
 
+@pytest.mark.long
 def test_at_25_hz_a_flight_without_missing_effects_reaches_its_floor() -> None:
     comparison = compared(thinned(fast_flight(SEED).samples, 25.0))
     ratio = {name: axis.fit.nrmse_held_out / axis.floor.nrmse for name, axis in comparison.axes.items()}
@@ -68,6 +71,7 @@ def test_at_25_hz_a_flight_without_missing_effects_reaches_its_floor() -> None:
     ]
 
 
+@pytest.mark.long
 def test_at_10_hz_the_sensors_are_not_blamed() -> None:
     """Motion between the samples is in the fast part of the residuals: the rate is named, and no noise of a sensor."""
     comparison = compared(thinned(fast_flight(SEED).samples, 10.0))
@@ -90,6 +94,7 @@ def test_a_replica_of_a_sparse_flight_is_as_sparse_and_holds_no_more_motion_than
     assert power[fast].sum() < 1e-3 * power.sum()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("effect", "library"),
     [("p_factor", EVERY_FOURTH), *(pytest.param(e, LIBRARY, marks=pytest.mark.long) for e in ("p_factor", None))],
@@ -103,6 +108,7 @@ def test_at_10_hz_an_effect_is_named_and_nothing_else(effect: str | None, librar
     assert (said["verdict"], found) == (("missing", ["p_factor"]) if effect else ("none", []))
 
 
+@pytest.mark.long_after_the_first
 @pytest.mark.parametrize(
     ("rate", "controls", "words"),
     [

@@ -71,6 +71,7 @@ def test_of_a_fast_attitude_one_in_so_many_is_left(aircraft):
     assert slower.stamp[slower.kind == Kind.ATTITUDE].tolist() == stamp[::4].tolist()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("rate", [100, 200])
 def test_likelihoods_of_settings_are_those_of_all_samples(aircraft, monkeypatch, rate):
     """Of a scale, an offset, a place and delays that the flight has or has not: to 3 %, or to 1 of what decides."""

@@ -78,6 +78,7 @@ def test_a_scale_that_is_there_is_still_found(other_maker):
     assert found.value == pytest.approx(0.9, abs=0.02)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("walk", [0.0, 0.03])
 def test_the_walk_of_the_wind_is_the_likeliest_below_that_of_the_file(centred, walk):
     samples = simulate_samples(centred, 3, 60.0, wind_walk=walk, manoeuvres="standard").samples
@@ -91,6 +92,7 @@ def test_the_walk_of_the_wind_is_the_likeliest_below_that_of_the_file(centred, w
     assert likelihoods[0].over(likelihoods[1]) > 20.0
 
 
+@pytest.mark.long
 def test_a_file_that_knows_its_wind_is_left_alone(aircraft):
     samples = simulate_samples(aircraft, 4, 60.0, manoeuvres="standard").samples
     assert walk_of(aircraft, samples) == aircraft.process_noise["wind"]

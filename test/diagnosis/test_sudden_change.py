@@ -48,6 +48,7 @@ def bench_of_loose_fin(loose_fin):
     return CandidateEvaluator(loose_fin.flight)
 
 
+@pytest.mark.long
 def test_moment_axes_and_terms_are_those_of_the_simulation(bench_of_loose_fin):
     change = sudden_change(bench_of_loose_fin)
     assert change is not None
@@ -77,6 +78,7 @@ def test_what_is_there_nearly_from_the_beginning_is_no_change(aircraft, begin):
     assert change is None or dict(change.candidate.inner)["t0"] == pytest.approx(begin, abs=3.0)
 
 
+@pytest.mark.long
 def test_no_effect_is_named_for_a_change_that_the_library_does_not_know(loose_fin):
     said = loose_fin.json
     assert said["verdict"] == "unexplained"
@@ -86,11 +88,13 @@ def test_no_effect_is_named_for_a_change_that_the_library_does_not_know(loose_fi
     assert first["error_after"] < 0.5 * first["error_before"]
 
 
+@pytest.mark.long
 def test_the_expression_of_a_change_can_be_added(loose_fin):
     terms = parse_request(loose_fin.json["candidates"][0]["expression"])
     assert {"Cn", "Cl"} <= set(terms) and all("time" in text for texts in terms.values() for text in texts)
 
 
+@pytest.mark.long
 def test_the_command_prints_what_is_to_be_added(loose_fin):
     said = loose_fin.json
     printed = render({"model": "base", "notes": [], **said})
@@ -112,6 +116,7 @@ def test_controls_that_are_not_measured_or_do_not_move_are_no_terms(bench_of_loo
     assert "Cn" in changed and not {"dr", "da"} & {term for axis in changed.values() for term in axis}
 
 
+@pytest.mark.long
 def test_a_change_is_nobody_s_company(loose_fin):
     for candidate in loose_fin.json["candidates"]:
         assert set(candidate["confounded_with"]) <= set(BY_ID)
@@ -131,6 +136,7 @@ def test_a_change_that_the_library_knows_keeps_its_name(aircraft):
     assert said["candidates"][0]["label"] == "control_damage (one half of the elevator)"
 
 
+@pytest.mark.long
 def test_a_change_takes_nothing_with_it_that_was_always_there(aircraft):
     """Flaps go out, and the throttle with them: the torque of the propeller is no part of what happened."""
     flight = random_flight(aircraft)
@@ -166,6 +172,7 @@ def test_an_expression_must_explain_clearly_more(loose_fin):
     assert explains_more(change, part) and not explains_more(part, change)
 
 
+@pytest.mark.long
 def test_a_library_that_knows_nothing_of_it_says_nothing_of_it(loose_fin):
     """The change is a rival of names: where no effect is significant, none is refused."""
     found = diagnose(CandidateEvaluator(loose_fin.flight), loose_fin.replicas, [BY_ID["propeller_torque"]])

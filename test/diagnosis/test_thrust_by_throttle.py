@@ -33,6 +33,7 @@ def with_drag(aircraft, *terms):
     return aircraft_from_dict(source)
 
 
+@pytest.mark.long
 def test_thrust_that_falls_with_speed_is_named_and_lowers_the_error_to_the_noise(aircraft, flown):
     found = diagnose_flight(with_drag(aircraft, "throttle"), flown, SOME, replicas=4)
     assert found.json["verdict"] == "missing"
@@ -43,6 +44,7 @@ def test_thrust_that_falls_with_speed_is_named_and_lowers_the_error_to_the_noise
     assert after < 1.5 * found.diagnosis.floor["CX"] and after < 0.2 * before
 
 
+@pytest.mark.long
 def test_with_the_terms_that_replay_advises_nothing_is_missing(aircraft, flown):
     terms = throttle_instead({"CX": ["Tc"], "CZ": ["alpha"]})
     assert terms == "CX: [throttle/qbar, throttle/V]"

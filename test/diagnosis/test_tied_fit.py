@@ -305,6 +305,7 @@ def test_what_passes_and_has_no_name_is_seen_with_both_its_times(aircraft):
     assert list(change.candidate.changed) == ["Cn"] and change.candidate.label.startswith("from 57 s to 99 s")
 
 
+@pytest.mark.long
 def test_half_a_fin_takes_its_rudder_with_it(aircraft):
     """One arm for what sideslip, yaw and rudder lose: three numbers for six terms."""
     known = aircraft.coefficients

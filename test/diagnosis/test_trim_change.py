@@ -93,6 +93,7 @@ def test_what_changes_lift_as_well_are_flaps_that_nobody_recorded(aircraft):
     assert lift == pytest.approx(-0.3, rel=0.1)
 
 
+@pytest.mark.long
 def test_a_trim_that_follows_speed_and_time_and_wanders_is_no_change(aircraft):
     assert [trim_finding(flight_of(aircraft, seed)) for seed in range(20, 36)] == [None] * 16
 

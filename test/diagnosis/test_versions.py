@@ -61,6 +61,7 @@ def snapshot(path: Path) -> dict[str, bytes]:
     return {str(p.relative_to(path)): p.read_bytes() for p in sorted(path.rglob("*")) if p.is_file()}
 
 
+@pytest.mark.long
 def test_the_missing_term_lowers_the_error_to_the_floor(run) -> None:
     outcome = add(run, "CZ: alpha ** 3")
     errors = outcome.axes["CZ"]
@@ -73,6 +74,7 @@ def test_the_missing_term_lowers_the_error_to_the_floor(run) -> None:
     assert "falls" in outcome.verdict
 
 
+@pytest.mark.long
 def test_the_noise_floor_is_of_the_noise_that_the_flight_had(run, monkeypatch) -> None:
     """Not of that of an aircraft file that says twice as much; the file of the version stays as it is."""
     monkeypatch.setattr(versions, "reconstruct_as_flown", reconstruct_as_flown)
@@ -85,6 +87,7 @@ def test_the_noise_floor_is_of_the_noise_that_the_flight_had(run, monkeypatch) -
     assert flights[1].under(opened.root).aircraft.sensors == flights[1].aircraft.sensors
 
 
+@pytest.mark.long
 def test_the_version_is_a_folder_that_other_commands_read(run, aircraft) -> None:
     outcome = add(run, "CZ: alpha**3")
     folder = run / "models" / outcome.version.identifier
@@ -102,6 +105,7 @@ def test_the_version_is_a_folder_that_other_commands_read(run, aircraft) -> None
     assert not list(run.glob(".version*"))
 
 
+@pytest.mark.long
 def test_remove_restores_the_id_and_the_errors(run, aircraft) -> None:
     added = add(run, "CZ: alpha**3")
     removed = remove(run, "CZ: alpha**3")
@@ -111,6 +115,7 @@ def test_remove_restores_the_id_and_the_errors(run, aircraft) -> None:
     assert not removed.improved and open_run(run).current.changes == {}
 
 
+@pytest.mark.long
 def test_a_version_that_comes_back_keeps_its_place_in_the_history(run, aircraft) -> None:
     """An undo had made it from what was made from it, and the history went round in a circle."""
     first = add(run, "CZ: alpha**3").version.identifier
@@ -121,6 +126,7 @@ def test_a_version_that_comes_back_keeps_its_place_in_the_history(run, aircraft)
     assert found == [(root, ()), (first, (root,)), (second, (first,))]
 
 
+@pytest.mark.long
 def test_the_constant_of_a_force_is_known_no_better_than_the_bias_of_the_accelerometer(run, aircraft) -> None:
     """It was said to be 5 to 11 times better, to USE, and was 7 standard errors off."""
     version = add(run, "CZ: alpha**3").version
@@ -134,6 +140,7 @@ def test_the_constant_of_a_force_is_known_no_better_than_the_bias_of_the_acceler
         assert abs(value - aircraft.coefficients[f"{axis}_0"]) < 3.0 * std
 
 
+@pytest.mark.long
 def test_what_is_added_in_one_axis_makes_no_other_parameter_surer(run) -> None:
     """All had come from least squares, 3 to 12 times as sure, with USE in the place of every reason for HOLD."""
     before = json.loads((run / "parameters.json").read_text())["parameters"]
@@ -148,6 +155,7 @@ def test_what_is_added_in_one_axis_makes_no_other_parameter_surer(run) -> None:
         assert new["std"] == pytest.approx(p["std"], rel=0.02) and abs(new["value"] - p["value"]) < 0.1 * p["std"]
 
 
+@pytest.mark.long
 def test_a_needless_term_is_said_to_be_one(run) -> None:
     outcome = add(run, "Cl: alpha*beta")
     errors = outcome.axes["Cl"]
@@ -155,6 +163,7 @@ def test_a_needless_term_is_said_to_be_one(run) -> None:
     assert errors["error_after"] == pytest.approx(errors["error_before"], rel=0.02)
 
 
+@pytest.mark.long
 def test_a_term_without_values_at_some_points_does_not_gain_by_leaving_them_out(run) -> None:
     """Each error is that of ``compare``, over the points of its own model; the verdict is on those that both have."""
     before = held_out_error(open_run(run).flight(), "CZ")
@@ -168,6 +177,7 @@ def test_a_term_without_values_at_some_points_does_not_gain_by_leaving_them_out(
     assert f"({100 * known.nrmse_held_out:.1f} % to" in outcome.verdict
 
 
+@pytest.mark.long
 def test_additions_build_on_each_other(run, aircraft) -> None:
     first = add(run, "CZ: alpha**3")
     second = add(run, "Cm: alpha**2; Cl: alpha*da")
@@ -180,6 +190,7 @@ def test_additions_build_on_each_other(run, aircraft) -> None:
     assert model.terms["Cm"] == aircraft.model.terms["Cm"] and "alpha*da" in model.terms["Cl"]
 
 
+@pytest.mark.long
 def test_a_term_of_the_first_model_goes_and_comes_back(run, aircraft) -> None:
     without = remove(run, "CZ: de")
     assert "de" not in open_run(run).current.aircraft.model.terms["CZ"]
@@ -189,6 +200,7 @@ def test_a_term_of_the_first_model_goes_and_comes_back(run, aircraft) -> None:
     )
 
 
+@pytest.mark.long
 def test_an_effect_brings_its_terms_with_inner_numbers_fitted(run) -> None:
     outcome = add(run, "stall")
     assert outcome.improved and outcome.axes["CZ"]["error_after"] < 0.6 * outcome.axes["CZ"]["error_before"]
@@ -196,6 +208,7 @@ def test_an_effect_brings_its_terms_with_inner_numbers_fitted(run) -> None:
     assert remove(run, "stall").axes.keys() == outcome.axes.keys()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "absent", ["control_damage", "stuck_control", "loss_of_thrust", "parameter_change", "cg_shift"]
 )
@@ -206,6 +219,7 @@ def test_times_that_are_free_lower_an_error_a_little_and_are_no_reason(run, abse
     assert not outcome.improved and outcome.verdict.endswith("this flight gives no reason to keep it")
 
 
+@pytest.mark.long
 def test_a_measurement_effect_changes_a_setting_and_gets_an_id_of_its_own(run, aircraft, monkeypatch) -> None:
     """All surfaces were recorded 80 ms after they moved, which the file does not say."""
     _shift(run, Kind.CONTROLS, 80_000_000)
@@ -269,6 +283,7 @@ def _shift(run: Path, kind: Kind, nanoseconds: int) -> None:
     _made.clear()
 
 
+@pytest.mark.long_after_the_first
 @pytest.mark.parametrize(
     "text, words",
     [
@@ -301,6 +316,7 @@ def test_bad_requests_are_one_sentence_and_change_nothing(run, text: str, words:
     assert snapshot(run) == before
 
 
+@pytest.mark.long
 def test_a_signal_that_the_flight_lacks_is_named(run) -> None:
     with np.load(run / "samples.npz") as stored:
         arrays = {name: stored[name] for name in stored.files}
@@ -321,6 +337,7 @@ def test_remove_says_what_there_is(run) -> None:
         remove(run, "stall")
 
 
+@pytest.mark.long
 def test_what_is_no_run_or_damaged_is_said(run, tmp_path) -> None:
     with pytest.raises(InputError, match="is no run"):
         add(tmp_path / "nothing", "stall")
@@ -336,6 +353,7 @@ def test_what_is_no_run_or_damaged_is_said(run, tmp_path) -> None:
         open_run(run)
 
 
+@pytest.mark.long
 def test_a_version_is_in_its_run_and_nowhere_else(run, tmp_path) -> None:
     """A run that somebody sends cannot make other folders of this machine its model."""
     identifier = add(run, "CZ: alpha**3").version.identifier
@@ -354,6 +372,7 @@ def test_a_version_is_in_its_run_and_nowhere_else(run, tmp_path) -> None:
         open_run(run)
 
 
+@pytest.mark.long
 def test_an_aircraft_file_that_is_cut_off_is_no_smaller_aircraft_file(run) -> None:
     """Cut after any line, it is refused, though the first lines alone are a valid file."""
     path = run / "aircraft.yaml"
@@ -372,6 +391,7 @@ def test_an_aircraft_file_that_is_cut_off_is_no_smaller_aircraft_file(run) -> No
     open_run(run)
 
 
+@pytest.mark.long
 def test_a_failed_write_leaves_the_run_as_it_was(run, monkeypatch) -> None:
     add(run, "CZ: alpha**3")
     before = snapshot(run)
@@ -392,6 +412,7 @@ def _add_one(run: Path, text: str) -> None:
     additions.add(run, text)
 
 
+@pytest.mark.long
 def test_two_programs_wait_for_each_other(run) -> None:
     """Both terms are in the model at the end: the second builds on the first."""
     context = multiprocessing.get_context("fork")

@@ -28,6 +28,7 @@ def known_correlation(kept: float = 0.0) -> np.ndarray:
     return NoiseFloor((source,), (), np.zeros((1, 0)), 1.0, STEP).correlation(ORDER, EVERY)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("points", [500, 3000])
 def test_false_alarms_on_white_noise_through_the_windows(points: int) -> None:
     """5 % in 2000 flights; the bounds are 4 standard errors of the count."""
@@ -37,6 +38,7 @@ def test_false_alarms_on_white_noise_through_the_windows(points: int) -> None:
     assert 0.03 <= np.mean(np.array(p) < 0.05) <= 0.07
 
 
+@pytest.mark.long
 def test_false_alarms_with_the_slow_error_of_a_filter_and_with_gaps() -> None:
     random, kept, false = np.random.default_rng(1), 0.96, []
     known = known_correlation(kept)
@@ -64,6 +66,7 @@ def test_a_small_slow_term_is_seen() -> None:
     assert np.mean(seen) > 0.8
 
 
+@pytest.mark.long
 def test_a_noise_that_changes_its_size_is_white() -> None:
     random, z = np.random.default_rng(4), []
     for _ in range(200):

@@ -85,6 +85,7 @@ def test_it_exists(one: Told) -> None:
     assert not wrong_with(one), f"{one}: {'; '.join(wrong_with(one))}"
 
 
+@pytest.mark.long
 def test_every_command_is_run_by_a_way_or_is_listed_with_the_reason() -> None:
     run = [shape(command_of(*step)) for way in WAYS for step in import_module(way).WAY.values()]
     typed = [one for one in told() if one.is_typed]

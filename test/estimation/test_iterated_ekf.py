@@ -151,6 +151,7 @@ def test_an_ill_conditioned_covariance_stays_positive_for_a_gain_that_is_a_milli
         assert max(lowest_of_short) < -1.0
 
 
+@pytest.mark.long
 def test_a_hundred_thousand_steps_leave_the_covariance_symmetric_positive_and_settled():
     step, r = 0.01, np.array([0.04])
     phi = np.array([[1.0, step, 0.0], [0.0, 1.0, step], [0.0, 0.0, 1.0]])

@@ -121,6 +121,7 @@ def test_a_future_input_that_is_not_known_is_held():
     np.testing.assert_array_equal(held[0], given[0])
 
 
+@pytest.mark.long
 def test_errors_are_as_large_as_the_covariance_says():
     """200 flights of 40 steps: mean NEES of 3 states within 4 sigma of 3."""
     rng = np.random.default_rng(6)
@@ -149,6 +150,7 @@ def many_steps(count, x, p, y, phi, w, c, r):
     return smallest, asymmetry
 
 
+@pytest.mark.long
 def test_a_million_steps_leave_the_covariance_symmetric_and_positive():
     phi = np.array([[1.0, 0.01, 0.0], [0.0, 1.0, 0.01], [0.0, 0.0, 1.0]])
     w, c, r = np.diag([0.0, 1e-12, 1e-12]), np.array([[1.0, 0.0, 0.0]]), np.array([[0.04]])

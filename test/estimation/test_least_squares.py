@@ -98,6 +98,7 @@ def test_shapes_that_do_not_fit_are_refused():
         weighted_least_squares(np.ones((4, 2)), np.ones(5))
 
 
+@pytest.mark.long
 def test_the_coloured_covariance_covers_where_4_7_is_too_small():
     """300 runs with residuals correlated over 20 samples and slow regressors: 95 % within 3 binomial sigma + 2 %."""
     rng = np.random.default_rng(3)
@@ -129,6 +130,7 @@ def decay(p):
     return p[0] * np.exp(-p[1] * np.linspace(0.0, 3.0, 40)) + p[2]
 
 
+@pytest.mark.long
 def test_the_iteration_finds_the_minimum_and_its_covariance_covers():
     rng = np.random.default_rng(4)
     true, z = np.array([2.0, 1.3, 0.5]), []

@@ -96,6 +96,7 @@ def gauss_newton(y):
     return expand
 
 
+@pytest.mark.long
 def test_the_density_of_54_has_two_pi_to_the_number_of_outputs():
     """Its integral is one. With the printed exponent, the number of parameters, it would be (2 pi)^-1 here."""
     axis = np.linspace(-8.0, 8.0, 161)
@@ -105,6 +106,7 @@ def test_the_density_of_54_has_two_pi_to_the_number_of_outputs():
     assert np.sum(np.exp(-np.array(v))) * (axis[1] - axis[0]) ** 2 == pytest.approx(1.0, rel=1e-4)
 
 
+@pytest.mark.long
 def test_cost_and_gradient_against_differences():
     y, theta = simulate(1, 1)[0], TRUE + [0.05, -0.1, 0.2, -0.1]
     cost = cost_of(y)
@@ -112,6 +114,7 @@ def test_cost_and_gradient_against_differences():
     np.testing.assert_allclose(gradient_of(y)(theta), expected, rtol=1e-5)
 
 
+@pytest.mark.long
 def test_one_output_after_the_other_is_the_same_cost_and_gradient():
     """Decorrelated innovations and their variances as arrays (N, q): V and its gradient are those of the vector."""
     y, theta = simulate(1, 2)[0], TRUE + [0.02, 0.1, -0.1, 0.1]
@@ -137,6 +140,7 @@ def test_one_output_after_the_other_is_the_same_cost_and_gradient():
     assert np.all(np.isfinite(terms)) and np.all(np.isfinite(fisher_information(s, by_e, by_s)))
 
 
+@pytest.mark.long
 def test_fisher_information_is_the_covariance_of_the_score_and_the_mean_hessian():
     """400 runs: each element within 5 standard errors of its Monte Carlo mean."""
     y = simulate(400, 3)
@@ -152,6 +156,7 @@ def test_fisher_information_is_the_covariance_of_the_score_and_the_mean_hessian(
     assert np.all(np.abs(np.mean(hessians, axis=0) - information) < 5.0 * error)
 
 
+@pytest.mark.long
 def test_the_printed_form_of_511_is_wrong_for_two_outputs():
     """Two independent outputs, each with its own variance: knowing one says nothing of the other."""
     random = np.random.default_rng(4)

@@ -85,6 +85,7 @@ def test_it_is_the_minimum_and_its_covariance_that_of_the_whole_problem():
     np.testing.assert_allclose(np.linalg.inv(hessian)[:2, :2], found.covariance, rtol=0.25, atol=1e-7)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("coloured", "low", "high"), [(0.0, 0.6, 1.5), (0.8, 0.0, 1.8)])
 def test_standard_errors_cover_the_truth(coloured, low, high):
     """Mean of z^2 over 40 runs; with coloured residuals the sandwich holds and F^-1 does not."""

@@ -81,6 +81,7 @@ def test_one_sample_leaves_the_stated_information_along_its_regressor_and_all_of
     np.testing.assert_allclose(across @ theta, 0.0, atol=1e-15)
 
 
+@pytest.mark.long
 def test_a_million_samples_of_cruise_are_held_where_exponential_forgetting_blows_up():
     rng = np.random.default_rng(3)
     forgetting, sigma = 0.999, 0.05
@@ -178,6 +179,7 @@ def vector_problem(seed=7, count=40):
     return h, y, w
 
 
+@pytest.mark.long
 def test_all_three_forms_are_the_batch_solution_with_any_w():
     h, y, w = vector_problem()
     prior = 1e3 * np.eye(3)
@@ -200,6 +202,7 @@ def test_all_three_forms_are_the_batch_solution_with_any_w():
     np.testing.assert_allclose(p, with_prior.covariance, rtol=1e-9, atol=1e-13)
 
 
+@pytest.mark.long
 def test_the_printed_4_14_gives_another_covariance_than_4_13():
     h, y, w = vector_problem(count=1)
     prior = np.diag([2.0, 5.0, 1.0])
@@ -219,6 +222,7 @@ def many_updates(theta, p, root, rows, y, w, count):
         square_root_update(root, rows[k % len(rows)], y[k % len(rows)], w, 1.0)
 
 
+@pytest.mark.long
 def test_a_million_vector_steps_stay_symmetric_and_positive():
     h, y, w = vector_problem()
     theta, p, root = np.zeros(3), 1e8 * np.eye(3), np.zeros((4, 4))
@@ -233,6 +237,7 @@ def test_a_million_vector_steps_stay_symmetric_and_positive():
     np.testing.assert_allclose(solution.covariance * 25_000.0, batch.covariance, rtol=1e-9, atol=1e-12)
 
 
+@pytest.mark.long
 def test_the_square_root_keeps_digits_that_the_covariance_and_the_information_lose():
     """Two regressors that differ by 1e-7: the information has a condition of 1e14, its root 1e7."""
     rng = np.random.default_rng(8)

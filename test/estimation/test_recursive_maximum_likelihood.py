@@ -52,6 +52,7 @@ def rows_at(theta, y):
     )
 
 
+@pytest.mark.long
 def test_gradient_is_that_of_the_exact_likelihood():
     for y in np.random.default_rng(0).normal(size=(5, M)):
         rows, residuals = rows_at(THETA, y)
@@ -66,6 +67,7 @@ def expected_cost(theta):
     return 0.5 * (np.trace(np.linalg.solve(lam, spread)) + np.linalg.slogdet(lam)[1])
 
 
+@pytest.mark.long
 def test_information_is_the_expected_hessian_and_the_printed_5_11_is_not():
     rows, _ = rows_at(THETA, np.zeros(M))
     hessian = derivative(lambda t: derivative(expected_cost, t, 1e-4), THETA, 1e-4)
@@ -199,6 +201,7 @@ def slow(rng, pole, size):
     return out
 
 
+@pytest.mark.long
 def test_standard_errors_allow_for_coloured_innovations():
     """Errors and regressor that wander slowly: the plain interval covers little, the widened one what it says."""
     rng = np.random.default_rng(4)
@@ -223,6 +226,7 @@ def long_run(rows, residuals, root, forgetting, steps):
     return theta
 
 
+@pytest.mark.long
 def test_covariance_stays_positive_and_bounded_over_a_million_steps():
     """Nearly collinear rows of very different size, one parameter never seen."""
     rng = np.random.default_rng(5)

@@ -126,6 +126,7 @@ def test_a_state_that_is_known_exactly_needs_the_first_form():
     np.testing.assert_allclose(x, [1.0, 0.0])  # three equal weights: the start 0, and 1 and 2 of it
 
 
+@pytest.mark.long
 def test_smoothed_errors_are_smaller_than_filtered_ones_and_as_large_as_said():
     """150 flights of 20 steps: NEES of 3 states and of 2 noises, within 4 sigma; rms of the middle by a fifth less."""
     system, x0, p0, u, *_ = record(6, steps=20)
@@ -147,6 +148,7 @@ def test_smoothed_errors_are_smaller_than_filtered_ones_and_as_large_as_said():
     assert smoothed < 0.8 * filtered
 
 
+@pytest.mark.long
 def test_a_hundred_thousand_steps_stay_symmetric_and_positive():
     phi = np.array([[1.0, 0.01, 0.0], [0.0, 1.0, 0.01], [0.0, 0.0, 1.0]])
     noise = np.diag([1e-14, 1e-12, 1e-12])

@@ -68,6 +68,7 @@ def fitted(noise, lags=1):
     return np.concatenate([found.xi1, found.xi2]) - truth, by_kind
 
 
+@pytest.mark.long
 def test_standard_errors_are_the_spread_of_the_estimates():
     """400 runs: their spread is known to 3.5 %, so 12 % is more than three standard errors."""
     rng = np.random.default_rng(7)
@@ -81,6 +82,7 @@ def test_standard_errors_are_the_spread_of_the_estimates():
     assert np.mean(scaled) == pytest.approx(4.0, rel=0.12)  # chi square of four numbers
 
 
+@pytest.mark.long
 def test_correlated_noise_needs_the_coloured_covariance():
     """First-order noise of correlation 0.8: the white standard errors are too small, the others nearly right."""
     rng = np.random.default_rng(8)

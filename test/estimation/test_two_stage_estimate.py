@@ -31,6 +31,7 @@ def runs():
     return {name: [paper.run(name, seed, 500 + seed) for seed in range(RUNS)] for name in EXAMPLES}
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", EXAMPLES)
 def test_two_stages_always_reach_the_right_minimum(runs, name):
     summary = paper.summarise(name, runs[name])["methods"]
@@ -38,6 +39,7 @@ def test_two_stages_always_reach_the_right_minimum(runs, name):
     assert summary["two-stage"]["correct"] == summary["truth"]["correct"]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", EXAMPLES)
 def test_the_paper_s_share_of_correct_runs_is_that_of_one_record(runs, name):
     """With new noise even the exact minimum is often farther than 0.1 from the truth; with one good record never."""
@@ -49,6 +51,7 @@ def test_the_paper_s_share_of_correct_runs_is_that_of_one_record(runs, name):
     assert np.linalg.norm(found.xi - example.truth) < 0.1 and found.decision.unique
 
 
+@pytest.mark.long
 def test_haupt_kasdin_finds_the_outputs_but_not_always_the_parameters(runs):
     """The paper: 97.2 % correct, and the wrong ones have good outputs; 60 runs at 97 % have 3.6 wrong at most."""
     summary = paper.summarise("example_1", runs["example_1"])["methods"]["Haupt-Kasdin"]

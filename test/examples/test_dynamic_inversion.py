@@ -139,6 +139,7 @@ def test_instruments_put_air_data_together_that_come_in_parts(aircraft):
     assert instruments.condition == pytest.approx((17.0, 0.06, 0.02))
 
 
+@pytest.mark.long
 def test_task_and_excitation_are_what_they_are_said_to_be():
     task = Task(3, 75.0, 17.0)
     pitches = np.array([task.reference(t).pitch for t in np.arange(0.0, 75.0, 0.1)])
@@ -155,6 +156,7 @@ def quiet(aircraft):
     return replace(aircraft, sensors=sensors)
 
 
+@pytest.mark.long
 def test_with_the_truth_it_tracks_also_after_damage(aircraft):
     case = Case("short", "elevator", time=8.0, duration=16.0)
     errors = {
@@ -165,6 +167,7 @@ def test_with_the_truth_it_tracks_also_after_damage(aircraft):
     assert errors["fixed"] > 2.0 * errors["truth"]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.long)])
 def test_live_parameters_beat_fixed_ones_when_the_elevator_loses_half_of_its_effect(aircraft, seed):
     case = replace(CASES["elevator"], time=20.0, duration=45.0)

@@ -34,6 +34,7 @@ def refused(capsys, *words):
     return err
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("target", OUT)
 def test_every_target_is_written_with_range_and_warning(exported_run, tmp_path, capsys, target):
     out = tmp_path / OUT[target]
@@ -45,6 +46,7 @@ def test_every_target_is_written_with_range_and_warning(exported_run, tmp_path, 
     assert b"ot known to hold" in out.read_bytes() or b"OT KNOWN TO HOLD" in out.read_bytes()
 
 
+@pytest.mark.long
 def test_people_are_told_the_range_and_what_is_lost(exported_run, tmp_path, capsys):
     assert main(["export", str(exported_run), "--to", "gazebo", "--out", str(tmp_path / "a.sdf")]) == 0
     said = capsys.readouterr().out
@@ -84,6 +86,7 @@ def test_the_table_and_the_mat_hold_the_parameters_as_the_run_has_them(exported_
     assert np.all(np.linalg.eigvalsh(model["covariance"]) > 0.0)
 
 
+@pytest.mark.long
 def test_gains_are_written_for_either_autopilot(exported_run, tmp_path, capsys):
     for target, name, one in (("px4", "a.params", "FW_RR_P"), ("arduplane", "a.param", "RLL_RATE_P")):
         words = ("gains", exported_run, "--to", target, "--full-deflection", "25,20,30", "--out", tmp_path / name)
@@ -109,6 +112,7 @@ def test_a_run_without_use(exported_run, tmp_path, capsys):
     assert not (tmp_path / "a.csv").exists()
 
 
+@pytest.mark.long
 def test_what_rests_on_parameters_that_are_not_to_be_used_is_not_set(exported_run, tmp_path, capsys):
     """A file that is loaded into an autopilot; what does not rest on them is set as before."""
     run = copied(exported_run, tmp_path)

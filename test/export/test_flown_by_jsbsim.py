@@ -32,6 +32,7 @@ def in_jsbsim(learnt):
     return benchmark.ExportedAeroplane(learnt, str(export_jsbsim(learnt).content))
 
 
+@pytest.mark.long
 def test_forces_and_moments_are_ours_and_as_far_from_the_held_out_flight(learnt, held_out):
     found = benchmark.held_out_states(in_jsbsim(learnt), held_out, 60)
     assert found["largest_difference"] < 1e-6
@@ -40,6 +41,7 @@ def test_forces_and_moments_are_ours_and_as_far_from_the_held_out_flight(learnt,
         assert nrmse < 0.1, axis
 
 
+@pytest.mark.long
 def test_pieces_of_the_held_out_flight_are_flown_as_our_simulator_flies_them(learnt, held_out):
     found = benchmark.held_out_pieces(in_jsbsim(learnt), held_out)
     assert found["pieces"] > 3
@@ -91,6 +93,7 @@ def test_commands_go_the_way_of_jsbsims_own_aeroplanes(learnt, held_out):
         e[f"fcs/{name}-cmd-norm"] = 0.0
 
 
+@pytest.mark.long
 def test_every_kind_of_term_is_held_about_any_reference_point(learnt, held_out):
     odd = with_terms(learnt, ODD_TERMS, (0.03, 0.01, -0.02))
     exported = in_jsbsim(odd)

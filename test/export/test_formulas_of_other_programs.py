@@ -113,6 +113,7 @@ def sitl(c, point, full):
     return np.concatenate([force / 2.0, [qs * b * side("c_l"), qs * chord * pitch, qs * b * side("c_n")]])
 
 
+@pytest.mark.long
 def test_sitl_accelerates_as_the_aeroplane_does(learnt, for_sitl):
     exported = for_sitl
     c, spread = read_sitl(exported.content), spread_of_accelerations(learnt)
@@ -295,6 +296,7 @@ def read_params(text):
     return {row[2]: float(row[3]) for row in rows}
 
 
+@pytest.mark.long
 def test_px4s_trims_hold_level_flight(learnt, with_trims):
     """At trim, and at both ends of the airspeeds, the command that PX4 adds leaves no moment."""
     p = read_params(with_trims.content)
@@ -330,6 +332,7 @@ def side_angle(learnt, da, dr):
     return -(learnt.value("CY_0") + moved) / learnt.value("CY_beta")
 
 
+@pytest.mark.long
 def test_coefficients_of_the_pull_request_say_the_flow_from_the_forces(learnt, with_trims, of_pull_request):
     """v = -F_y V / (q S B1), as its source has it; alpha = (C_L - A0) / A1, as its parameters are described."""
     released = read_params(with_trims.content)
@@ -346,12 +349,14 @@ def test_coefficients_of_the_pull_request_say_the_flow_from_the_forces(learnt, w
     assert np.std((lift - p["FW_W_C_A0"]) / p["FW_W_C_A1"] - alpha) < 0.06 * np.std(alpha)
 
 
+@pytest.mark.long
 def test_without_the_travel_of_the_surfaces_px4_gets_no_trims(learnt, of_pull_request):
     assert not any("TRIM_" in name for name in read_params(of_pull_request.content))
     assert any("--full-deflection" in note for note in of_pull_request.notes)
     assert reached(learnt) == pytest.approx([max(map(abs, learnt.ranges[n])) for n in ("de", "da", "dr")])
 
 
+@pytest.mark.long
 def test_numbers_of_files_carry_standard_errors_and_the_range(learnt, for_sitl, for_gazebo, with_trims):
     for text in (for_sitl.content, for_gazebo.content, with_trims.content):
         assert "OUTSIDE OF IT THE MODEL IS NOT KNOWN TO HOLD" in text

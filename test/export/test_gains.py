@@ -32,6 +32,7 @@ def with_std(learnt, factor=1.0, **std):
     return replace(learnt, parameters=parameters)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("axis", [ROLL, PITCH])
 def test_loops_are_stable_in_aeroplanes_drawn_from_the_covariance(learnt, loops, axis):
     """By our simulator's accelerations and a sampled loop, neither of which the design knows."""
@@ -64,6 +65,7 @@ def test_what_is_too_uncertain_is_named(learnt, axis, name, std):
         design(with_std(learnt, **{name: std}), axis, ACTUATOR)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("factor", [pytest.param(10.0, marks=pytest.mark.long), 40.0, 160.0])
 def test_whatever_the_uncertainty_gains_are_stable_or_refused(learnt, factor):
     vague = with_std(learnt, factor)
@@ -93,6 +95,7 @@ def test_what_is_not_to_be_used_carries_no_loop(learnt, axis, name):
         design(replace(learnt, parameters=one), axis, ACTUATOR)
 
 
+@pytest.mark.long
 def test_a_flying_wing_without_a_rudder_flies_straight_with_a_little_bank_and_gets_gains(learnt, loops):
     rows = learnt.signals.copy()
     rows[:, learnt.model.signal_names.index("dr")] = np.nan

@@ -18,6 +18,7 @@ def series(rng, drift=0.0, jump=0.0, at=FLIGHTS, flights=FLIGHTS, airspeed=None)
     return Series(number, value - 4.0, std, np.full(flights, 20.0) if airspeed is None else airspeed)
 
 
+@pytest.mark.long
 def test_healthy_airframes_are_left_alone():
     """A fleet of 40 healthy series is one false alarm in at most 1 of 20 fleets; these rules are stricter."""
     rng = np.random.default_rng(90)

@@ -15,6 +15,7 @@ from aircraft_sysid_ros.fleet.apart import Failed, Limits
 from aircraft_sysid_ros.fleet.cluster import Work, cluster, fly_all
 
 
+@pytest.mark.long
 def test_the_rest_goes_on(tmp_path):
     """A crash, a hang and a worker that is killed in the middle: every other flight has its answer."""
     kinds = ["sound-1", "crash", "wait-1", "hang", "damaged", "sound-2", "sound-3"]

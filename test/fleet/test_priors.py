@@ -23,6 +23,7 @@ def drawn(rng, flights=8, mean=-1.0, std=0.02, between=0.1, slope=0.0, jump=0.0,
     return Series(number[:-1], value, np.full(flights, std), np.full(flights, 20.0)), float(true[-1])
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("more", "change"),
     [

@@ -17,6 +17,7 @@ def drawn(seed, n=12, tau=0.7):
     return x @ [3.0, 0.2] + rng.normal(0.0, tau, n) + s * rng.normal(size=n), s, x
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", range(4))
 def test_the_spread_has_the_greatest_likelihood_of_the_error_contrasts(seed):
     """Patterson and Thompson's definition: the likelihood of what the fit cannot change, N(0, K'VK)."""
@@ -50,6 +51,7 @@ def test_equal_flights_without_spread_of_any_kind():
     assert found.value[0] == pytest.approx(2.0) and found.between == 0.0
 
 
+@pytest.mark.long
 def test_intervals_hold_the_truth():
     """95 % of them, within what 300 draws can tell, whether or not flights differ."""
     from scipy.stats import t as student

@@ -55,6 +55,7 @@ def looked_at(tmp_path: Path, log: Path, aircraft: Path, is_log: bool = True, co
     return recording, unread
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("kind", [ulog2csv, paparazzi])
 def test_servos_are_read_with_tables_that_say_what_they_are(kind, tmp_path, aircraft_file):
     """A folder has no ending that says whose log it is; its surfaces had been missing."""
@@ -87,6 +88,7 @@ def test_servos_that_say_nothing_of_a_flight_are_told(tmp_path, aircraft_file, m
     assert taken == [{}]
 
 
+@pytest.mark.long
 def test_a_bag_of_an_autopilot_is_imported_and_another_is_refused_as_it_was(tmp_path, aircraft_file, monkeypatch):
     assert main(["simulate", "--out", str(tmp_path / "ours"), "--duration", "20"]) == 0
     bag, taken = tmp_path / "px4.mcap", []

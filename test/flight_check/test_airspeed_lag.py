@@ -21,6 +21,7 @@ from aircraft_sysid_ros.simulation.simulated_flight import default_aircraft, sim
 STEP = 0.05
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", [51, 53])
 def test_an_airspeed_that_is_late_is_found_with_its_time(seed):
     """By the GPS alone, without a vane that would tell it by the accelerometers."""

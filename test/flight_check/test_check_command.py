@@ -46,6 +46,7 @@ def answer(capsys, *arguments):
     return json.loads(out)
 
 
+@pytest.mark.long
 def test_the_command_in_a_process_prints_one_document_and_nothing_else(recorded, tmp_path):
     path, _ = recorded
     done = subprocess.run(
@@ -61,6 +62,7 @@ def test_the_command_in_a_process_prints_one_document_and_nothing_else(recorded,
     assert len(result["identifiable"]) == 32 and sum(result["identifiable"].values()) >= 25
 
 
+@pytest.mark.long
 def test_findings_have_a_known_kind_a_severity_and_a_sentence_that_says_what_to_do(recorded, capsys, tmp_path):
     _, flight = recorded
     streams = [s for s in flight.streams if s.topic not in ("gps/vel", "air_data")]
@@ -75,6 +77,7 @@ def test_findings_have_a_known_kind_a_severity_and_a_sentence_that_says_what_to_
         assert finding["kind"] in KINDS and finding["severity"] in SEVERITIES and ":" in finding["sentence"]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("topics", [("imu/data",), ("gps/fix",), ("air_data",), ("control_surfaces",)])
 def test_a_recording_of_one_topic_is_judged_by_what_it_lacks(recorded, capsys, tmp_path, topics):
     _, flight = recorded
@@ -118,6 +121,7 @@ def test_a_damaged_recording_is_judged_by_what_can_be_read(recorded, capsys, tmp
     assert result["notes"] and 10.0 < result["duration"] < 60.0
 
 
+@pytest.mark.long
 def test_numbers_that_nothing_has_are_said_and_harm_nothing(recorded, capsys, tmp_path):
     """Squared they are infinite, and check ended with a ValueError of scipy."""
     streams = []
@@ -134,6 +138,7 @@ def test_numbers_that_nothing_has_are_said_and_harm_nothing(recorded, capsys, tm
     assert not [f for f in result["findings"] if f["severity"] == "error"]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("count", [50, None])
 def test_stamps_of_another_day_are_said_and_do_not_fill_the_memory(recorded, capsys, tmp_path, count):
     _, flight = recorded
@@ -149,6 +154,7 @@ def test_stamps_of_another_day_are_said_and_do_not_fill_the_memory(recorded, cap
     assert ("true_airspeed", "jitter", "error") in {(f["signal"], f["kind"], f["severity"]) for f in result["findings"]}
 
 
+@pytest.mark.long
 def test_a_page_and_a_picture_are_written_and_a_bad_name_is_refused_before_the_work(
     recorded, capsys, pictures, tmp_path
 ):
@@ -173,6 +179,7 @@ def test_a_page_and_a_picture_are_written_and_a_bad_name_is_refused_before_the_w
     assert json.loads(out)["figure"] is None and f"--out {tmp_path / 'folder.html'} is not written" in err
 
 
+@pytest.mark.long
 def test_the_late_gps_of_a_real_log_is_found_and_is_known_with_its_aircraft_file(shared_data, capsys, tmp_path):
     """SwissLog1: its notes give 0.23 s for the velocity and 0.21 s for the position, 0.35 s for the height."""
     main(["import", str(shared_data / "inertialnav" / "SwissLog1.mat"), "--out", str(tmp_path / "log")])
@@ -186,6 +193,7 @@ def test_the_late_gps_of_a_real_log_is_found_and_is_known_with_its_aircraft_file
     assert not [f for f in known if f["kind"] == "offset" and f["signal"].startswith("velocity")]
 
 
+@pytest.mark.long
 def test_a_real_flight_shows_no_rudder_derivative_and_nothing_that_contradicts_itself(shared_data, capsys, tmp_path):
     """Thor: its notes say that the rudder moves by 0.7 degrees and that its derivatives cannot be had."""
     main(["import", str(shared_data / "umn_thor_flight75" / "flight75.mat"), "--out", str(tmp_path / "thor")])

@@ -45,6 +45,7 @@ def found_in(plane, samples):
     return said, {p.name: p for p in checked.parameters}, checked
 
 
+@pytest.mark.long
 def test_inputs_that_move_have_rates_and_show_what_replay_then_uses(plane, flown):
     said, parameters, checked = found_in(plane, flown.samples)
     assert said == {}
@@ -57,6 +58,7 @@ def test_inputs_that_move_have_rates_and_show_what_replay_then_uses(plane, flown
         assert parameters[name].is_shown and used[name], parameters[name]
 
 
+@pytest.mark.long
 def test_one_that_stands_still_shows_nothing_and_hides_nothing_else(plane, flown):
     def standing(values, time):
         values[:, 1] = 0.1
@@ -101,6 +103,7 @@ def multistep(values, time):
     return values
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("change", "kind", "words"),
     [
@@ -121,12 +124,14 @@ def test_what_is_wrong_with_one_is_said_of_that_one(plane, flown, change, kind, 
         assert words in said["inputs.trim_tab", kind]
 
 
+@pytest.mark.long
 def test_values_outside_the_limits_count_as_little_as_in_replay(plane, flown):
     """In degrees nearly all are left out: the term has too few values, and its axis says nothing."""
     _, parameters, _ = found_in(plane, changed(flown.samples, degrees))
     assert not parameters["Cm_trim_tab"].is_shown and parameters["CZ_spoiler"].is_shown
 
 
+@pytest.mark.long
 def test_an_aeroplane_of_elevons_alone_lacks_no_elevator(aircraft, flown):
     """The columns of the flight under other names: what the terms read is there."""
     terms = {"CY": [1, "beta"], "CZ": [1, "alpha"], "CX": [1, "alpha"]}
@@ -157,6 +162,7 @@ def test_an_input_that_no_term_reads_is_no_control_and_may_be_off(aircraft, flow
     assert "inputs.power" not in finding.signals
 
 
+@pytest.mark.long
 def test_the_command_looks_at_them_with_an_aircraft_file_and_names_them_without(plane, flown, tmp_path, capsys):
     write_flight(flown, tmp_path / "bag")
     assert main(["check", str(tmp_path / "bag")]) == 0

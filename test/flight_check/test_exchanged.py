@@ -31,10 +31,12 @@ def with_vanes_exchanged(samples: Samples) -> Samples:
     return Samples(samples.stamp, kind, samples.values)
 
 
+@pytest.mark.long
 def test_each_in_its_own_place_is_none_exchanged(samples):
     assert errors(samples) == {}
 
 
+@pytest.mark.long
 def test_exchanged_vanes_are_named_and_so_in_flight(samples):
     exchanged = with_vanes_exchanged(samples)
     found = errors(exchanged)
@@ -47,6 +49,7 @@ def test_exchanged_vanes_are_named_and_so_in_flight(samples):
     assert not any(p.status.name == "USE" for p in pipeline.parameters.snapshot().parameters)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("one", "other"), [("elevator", "rudder"), ("elevator", "aileron"), ("aileron", "rudder")])
 def test_exchanged_surfaces_are_named(samples, one, other):
     values, rows = samples.values.copy(), np.flatnonzero(samples.kind == Kind.CONTROLS)

@@ -24,6 +24,7 @@ def flown(request) -> Samples:
     return simulate_samples(default_aircraft(), request.param, 90.0, **options).samples
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("late", [0.0, 0.08, 0.1, 0.2])
 def test_a_late_receiver_is_found_with_its_time(flown, late):
     """Velocity alone had been 0.04 s late of 0.1: it was to agree with a position that is as late."""

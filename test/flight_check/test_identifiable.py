@@ -30,6 +30,7 @@ def without(samples: Samples, kind: Kind, *names: str) -> Samples:
     return Samples(samples.stamp, samples.kind, values)
 
 
+@pytest.mark.long
 def test_it_agrees_with_what_replay_uses_of_a_textbook_flight(flown):
     pipeline = Pipeline(flown.aircraft)
     pipeline.push(flown.samples)
@@ -40,11 +41,13 @@ def test_it_agrees_with_what_replay_uses_of_a_textbook_flight(flown):
     assert sum(found[name] == used[name] for name in used) >= 28
 
 
+@pytest.mark.long
 def test_a_rudder_that_does_not_move_shows_none_of_its_derivatives(flown):
     found = shown(without(flown.samples, Kind.CONTROLS, "rudder"))
     assert not any(found[name] for name in ("CY_dr", "Cl_dr", "Cn_dr")) and found["Cl_da"] and found["Cm_de"]
 
 
+@pytest.mark.long
 def test_what_is_not_measured_is_not_shown_and_the_reason_names_it(flown):
     samples = flown.samples[flown.samples.kind != Kind.SIDESLIP]
     checked = check(flight_of(samples, samples.stamp))
@@ -53,6 +56,7 @@ def test_what_is_not_measured_is_not_shown_and_the_reason_names_it(flown):
     assert all(reason == "sideslip is not measured" for reason in missing.values())
 
 
+@pytest.mark.long
 def test_an_axis_of_which_a_signal_is_missing_is_not_shown_as_replay_holds_it_whole(flown):
     """Without thrust C_X had been shown but for C_X,Tc, and nothing of it was to use."""
     samples = flown.samples
@@ -76,6 +80,7 @@ def test_an_axis_of_which_a_signal_is_missing_is_not_shown_as_replay_holds_it_wh
     assert roll["Cl_dr"] == (False, False)
 
 
+@pytest.mark.long
 def test_surfaces_that_move_as_one_are_collinear(flown):
     """A rudder that is half of the aileron, with nothing of its own: neither can be told from the other."""
     samples = flown.samples

@@ -35,6 +35,7 @@ def findings(samples: Samples):
     return [f for f in found if f.severity != INFO]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("first", "second", "sign"), [(0, 1, 1.0), (0, 1, -1.0), (1, 2, 1.0), (0, 2, -1.0)])
 def test_a_turn_is_one_sentence_and_the_rest_is_judged_without_it(samples, first, second, sign):
     (found,) = findings(with_imu(samples, {first: (second, sign), second: (first, -sign)}))
@@ -49,6 +50,7 @@ def test_a_turn_is_one_sentence_and_the_rest_is_judged_without_it(samples, first
     assert found.sentence.endswith(f"of both {remedy}")
 
 
+@pytest.mark.long
 def test_what_is_exchanged_in_one_sensor_alone_is_no_turn(samples):
     for vectors in (("gyro",), ("force",)):
         sentences = [f.sentence for f in findings(with_imu(samples, {0: (1, 1.0), 1: (0, -1.0)}, vectors))]

@@ -44,6 +44,7 @@ def used(pipeline):
     return [p.name for p in pipeline.parameters.snapshot().parameters if p.status is Trust.USE]
 
 
+@pytest.mark.long
 def test_a_clean_flight_is_not_contradicted_and_not_asked_again(clean):
     pipeline, rows = flown(clean)
     assert pipeline.check.findings == ()
@@ -52,6 +53,7 @@ def test_a_clean_flight_is_not_contradicted_and_not_asked_again(clean):
     assert not pipeline.check._waiting
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("fault", "sensor"),
     [
@@ -68,6 +70,7 @@ def test_what_is_wired_wrongly_is_named_within_a_minute_and_nothing_is_used(clea
     assert any("reverse it" in words or "divide it by 57.2958" in words for words in pipeline.check.words)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("rate", [1, 4])
 def test_an_imu_that_is_late_is_named_and_not_the_surfaces_and_nothing_is_used(clean, rate):
     """By 0.1 s: in a flight by others a third of what the aileron does had been used, with a note about servos."""
@@ -87,6 +90,7 @@ def test_an_imu_that_is_late_is_named_and_not_the_surfaces_and_nothing_is_used(c
     assert delay_notes(pipeline.parameters) == []
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("kinds", [(Kind.GPS_POSITION, Kind.GPS_VELOCITY), (Kind.CONTROLS,)])
 def test_what_others_are_late_by_is_not_laid_to_the_imu(clean, kinds):
     late = Samples(clean.stamp + 100_000_000 * np.isin(clean.kind, kinds), clean.kind, clean.values)
@@ -95,6 +99,7 @@ def test_what_others_are_late_by_is_not_laid_to_the_imu(clean, kinds):
     assert not np.isin(rows[:, StateField.CONTRADICTION], list(CONTRADICTED)).any()
 
 
+@pytest.mark.long
 def test_a_vane_out_on_the_wing_that_the_file_does_not_mention_is_named_and_nothing_is_used(clean):
     """It is 0.4 m to the right; what depends on the angle of attack came out a fifth too small, with USE."""
     known = default_aircraft().source
@@ -109,12 +114,14 @@ def test_a_vane_out_on_the_wing_that_the_file_does_not_mention_is_named_and_noth
     assert abs(place - 0.4) < 4.0 * error < 0.4
 
 
+@pytest.mark.long
 def test_the_reason_of_a_parameter_names_the_sensor(clean):
     pipeline, _ = flown(FAULTS["sideslip upside down"][0](clean))
     reasons = {p.reason for p in pipeline.parameters.snapshot().parameters}
     assert any(contradiction_text(NUMBER["sideslip"]) in reason for reason in reasons)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("block", [137, pytest.param(1000, marks=pytest.mark.long)])
 def test_a_density_that_leaves_its_height_is_told_while_it_does_and_nothing_is_used(clean, block):
     """A static port that is blocked or leaks: all coefficients are off by the same factor, and nothing else tells."""
@@ -167,6 +174,7 @@ def test_a_density_that_comes_after_the_begin_of_the_flight_is_that_of_the_day()
     assert np.all(rows[:, StateField.CONTRADICTION] == 0.0)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("signal", ["elevator", "throttle"])
 def test_controls_of_another_unit_are_not_learnt_from(clean, signal):
     pipeline, _ = flown(scaled(signal, 100.0)(clean))
@@ -174,6 +182,7 @@ def test_controls_of_another_unit_are_not_learnt_from(clean, signal):
     assert any(f"values of the {signal} are none in" in p.reason for p in pipeline.parameters.snapshot().parameters)
 
 
+@pytest.mark.long
 def test_a_control_that_was_garbled_now_and_then_is_no_other_unit(clean):
     values, chosen = clean.values.copy(), np.flatnonzero(clean.kind == Kind.CONTROLS)
     values[chosen[::400], 0] = 90.0  # one in eight seconds
@@ -181,6 +190,7 @@ def test_a_control_that_was_garbled_now_and_then_is_no_other_unit(clean):
     assert used(pipeline)
 
 
+@pytest.mark.long
 def test_what_is_found_does_not_depend_on_how_samples_come_together(clean):
     samples = FAULTS["angle of attack in degrees"][0](clean)
     samples = samples[samples.stamp < samples.stamp[0] + 35 * 10**9]
@@ -189,6 +199,7 @@ def test_what_is_found_does_not_depend_on_how_samples_come_together(clean):
     assert np.array_equal(together, one_by_one, equal_nan=True)
 
 
+@pytest.mark.long
 def test_the_check_survives_a_clock_that_begins_anew(clean):
     samples = FAULTS["sideslip upside down"][0](clean)
     half = samples.stamp[0] + 33 * 10**9

@@ -31,10 +31,12 @@ CHOSEN = (
 )  # fmt: skip
 
 
+@pytest.mark.long
 def test_a_clean_flight_has_neither_warning_nor_error(clean):
     assert serious(checked(clean)) == set()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "name", [n if i % 3 == 0 else pytest.param(n, marks=pytest.mark.long) for i, n in enumerate(CHOSEN)]
 )
@@ -52,6 +54,7 @@ def test_every_kind_has_an_injection_or_a_test_of_its_own():
     assert {i.kind for i in INJECTIONS} | {"rate"} == set(KINDS)
 
 
+@pytest.mark.long
 def test_a_rate_that_halves_in_flight_is_found(clean):
     from aircraft_sysid_ros.samples import Kind
 
@@ -74,6 +77,7 @@ def test_an_imu_that_is_too_slow_for_any_filter_is_an_error(clean):
     assert "angular_velocity.x" in found[0].signals and "at most 0.25 s apart" in found[0].sentence
 
 
+@pytest.mark.long
 def test_a_gps_that_was_interpolated_to_the_rate_of_others_is_found(clean):
     """Errors that count four times make settings of the sensors significant that are none."""
     from aircraft_sysid_ros.samples import Kind, concatenate, samples_of
@@ -87,6 +91,7 @@ def test_a_gps_that_was_interpolated_to_the_rate_of_others_is_found(clean):
     assert ("velocity.north", "held") in found and {kind for _, kind in found} == {"held"}
 
 
+@pytest.mark.long
 def test_one_axis_without_numbers_for_a_fifth_of_the_flight_is_named(clean):
     """A sample is used whole or not at all: the other five axes are lost with it, and nothing else had said so."""
     from aircraft_sysid_ros.samples import Kind, Samples

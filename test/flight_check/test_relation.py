@@ -85,6 +85,7 @@ def test_the_sign_of_a_series_is_found(sign):
     assert found is not None and np.sign(found.correlation) == sign and found.is_sure
 
 
+@pytest.mark.long
 def test_independent_series_are_not_related():
     """Of 200 pairs of independent coloured noises none is sure."""
     grid = Grid(0.0, 0.02, 3000)

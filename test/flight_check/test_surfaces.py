@@ -63,6 +63,7 @@ def test_a_doublet_is_no_autopilot(pulse):
     assert not scan.is_both_ways and scan.partial < -0.7 and scan.shift == 0.0
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("seed", "layout", "failure"),
     [
@@ -78,6 +79,7 @@ def test_what_an_autopilot_moves_has_neither_the_other_sign_nor_another_time(see
     assert told == []
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("column", range(3))
 def test_a_surface_of_the_other_sign_is_told_however_an_autopilot_moves_it(column, aircraft):
     samples = simulate_samples(aircraft, 33, 60.0, turbulence="light", manoeuvres="varied").samples

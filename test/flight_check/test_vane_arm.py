@@ -39,6 +39,7 @@ def lags(flown, aircraft) -> list[float]:
     return [max(low, -high, 0.0) for low, high in (r.lag for r in found)]
 
 
+@pytest.mark.long
 def test_a_boom_that_the_file_states_is_no_delay(flown, boomed):
     assert lags(flown, boomed) == [0.0, 0.0]
     assert max(lags(flown, replace(boomed, air_data_position=np.zeros(3)))) > 0.0  # said to be in the middle
@@ -51,6 +52,7 @@ def test_a_boom_that_no_file_states_is_no_delay_either(boomed):
     assert lags(flown, aircraft_from_dict(bare)) == [0.0, 0.0]
 
 
+@pytest.mark.long
 def test_neither_the_check_nor_that_in_flight_names_a_vane(flown, boomed):
     flight = flight_of(flown.samples, flown.samples.stamp, surface_noise=0.0005, arm=vane_arm(boomed))
     findings = check(flight).findings

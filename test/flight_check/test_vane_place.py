@@ -61,6 +61,7 @@ def flown(seed: int, right: float = 0.0, aslant: float = 0.0, gusts: float = 1.5
     return Motion(flight_of(samples, samples.stamp))
 
 
+@pytest.mark.long
 def test_gusts_met_aslant_are_no_place_of_the_vane() -> None:
     """By least squares alone it was metres out on the wing, by five and more of its standard errors."""
     apart = []
@@ -81,6 +82,7 @@ def test_what_is_out_on_the_wing_is_found(gusts: float, right: float) -> None:
         assert taken(found, UNSAID) is not None
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("turbulence", "duration"), [("none", 35.0), ("light", 125.0)])
 def test_four_tenths_of_half_the_span_are_found_in_calm_air_and_in_gusts(turbulence: str, duration: float) -> None:
     known = default_aircraft().source
@@ -124,6 +126,7 @@ def test_a_place_off_the_aeroplane_is_none() -> None:
     assert findings((0.45 * SPAN, 0.05 * SPAN), UNSAID)
 
 
+@pytest.mark.long
 def test_a_place_is_looked_at_again_and_taken_back(monkeypatch: pytest.MonkeyPatch) -> None:
     """What the first look above three standard errors had found was kept for good."""
     known = default_aircraft()
@@ -150,6 +153,7 @@ def test_a_place_is_looked_at_again_and_taken_back(monkeypatch: pytest.MonkeyPat
     assert len(looks) == 3 and pipeline.check.vane_place is None
 
 
+@pytest.mark.long
 def test_a_vane_is_looked_for_again_once_the_wing_has_rolled(monkeypatch: pytest.MonkeyPatch) -> None:
     """After two minutes of quiet flight the next look would have been at four, and what rolled at three was used."""
     known = default_aircraft()
@@ -179,6 +183,7 @@ def test_a_vane_is_looked_for_again_once_the_wing_has_rolled(monkeypatch: pytest
     assert pipeline.check.vane_place and any("moves as one" in words for words in pipeline.check.words)
 
 
+@pytest.mark.long
 def test_the_check_sees_what_moves_the_surfaces_as_it_comes() -> None:
     """Not the filter, whose numbers must not depend on who else listens."""
     aircraft = default_aircraft()

@@ -88,6 +88,7 @@ def test_a_scale_is_found_with_its_time_and_is_over_when_it_is_over(factor):
     assert after.findings[0].severity == WARNING and "it read " in after.findings[0].sentence
 
 
+@pytest.mark.long
 def test_a_scale_from_the_beginning_and_one_that_grows_by_a_per_cent_a_minute():
     always, _ = watched(flown(6, 150.0, scale=lambda t: np.full_like(t, 1.2)))
     assert always.is_wrong and always.readings[0].since == pytest.approx(0.0, abs=1.0)
@@ -159,6 +160,7 @@ def rows_at(stamps, epoch):
     return rows
 
 
+@pytest.mark.long
 def test_rows_are_marked_in_blocks_of_any_size_alike_and_another_sensor_that_is_known_stands():
     samples = flown(13, scale=lambda t: np.where(t > 60.0, 0.8, 1.0))
     epoch, stamps = START // SECOND * SECOND, START + np.arange(0, 239 * SECOND, SECOND // 10)
@@ -186,6 +188,7 @@ def test_rows_are_marked_in_blocks_of_any_size_alike_and_another_sensor_that_is_
     assert silent.findings == ()
 
 
+@pytest.mark.long
 def test_nothing_is_used_while_the_airspeed_is_wrong_and_the_reason_names_it():
     flight = simulate_samples(default_aircraft(), 4, 130.0, manoeuvres="calibration").samples
     flight = flight[~np.isin(flight.kind, (Kind.ANGLE_OF_ATTACK, Kind.SIDESLIP))]

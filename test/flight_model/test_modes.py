@@ -57,6 +57,7 @@ def found_modes(aircraft, setup, **changed):
     return flight, matrices, {mode.name: mode for mode in modes_of(*matrices)}
 
 
+@pytest.mark.long
 def test_modes_are_those_of_the_simulators_free_motion(symmetric):
     """Eigenvalues of the simulator's whole state by differences of its own equations, thrust held."""
     setup = prepare(symmetric)

@@ -9,6 +9,7 @@ QUICK = settings(
 )
 
 
+@pytest.mark.long_after_the_first
 @pytest.mark.parametrize("name", TARGETS)
 def test_nothing_but_a_sentence_comes_of_what_others_write(name):
     found = TARGETS[name]

@@ -14,6 +14,7 @@ MOMENT = 60.0
 STEP = f"max(sign(time-{MOMENT}),0)"
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", [301, 302])
 def test_what_half_an_elevator_does_to_the_lift_is_not_taken_from_before(aircraft, seed):
     """C_m shows it at once. C_Z does not: it had USE, three to five of its standard errors from what it was then."""

@@ -34,6 +34,7 @@ def flown(flight, name, changed, block=500, at=0.5):
     return np.array([[p.value, p.std] for p in found])
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["rls", "fourier", pytest.param("rml", marks=pytest.mark.long)])
 def test_blocks_of_any_size_give_the_same_and_not_what_was_without_the_change(short, aircraft, name):
     if name == "rml":  # gives its first values after half a minute
@@ -44,6 +45,7 @@ def test_blocks_of_any_size_give_the_same_and_not_what_was_without_the_change(sh
     assert not np.array_equal(flown(short, name, {}), expected, equal_nan=True) and np.isfinite(expected).any()
 
 
+@pytest.mark.long
 def test_a_shorter_memory_is_less_sure(short):
     std = {seconds: flown(short, "rls", {"forgetting_time": seconds})[:, 1] for seconds in (120.0, 4.0)}
     assert np.median(std[4.0] / std[120.0]) > 1.2
@@ -88,6 +90,7 @@ def test_the_error_window_keeps_what_it_has_and_grows(short):
     assert history.newest()[:, CoefficientSample.TIME] == pytest.approx(step * np.arange(350, 550))
 
 
+@pytest.mark.long
 def test_a_gate_that_opens_in_flight_lets_pass_what_was_rejected(short):
     def rejected(gate):
         pipeline = Pipeline(short.aircraft, StateOptions(gate=2.0))

@@ -38,6 +38,7 @@ def replayed(aircraft, samples, size):
     return pipeline, np.vstack([*points, pipeline.flush()[1]])
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("back", [20.0, -3600.0, *(pytest.param(back, marks=pytest.mark.long) for back in (3.0, 1e6))])
 def test_blocks_of_any_size_give_the_same(flight, back) -> None:
     aircraft, samples = flight[0], leapt(flight[1], back)
@@ -49,6 +50,7 @@ def test_blocks_of_any_size_give_the_same(flight, back) -> None:
         assert np.array_equal(replayed(aircraft, samples, size)[1], expected, equal_nan=True)
 
 
+@pytest.mark.long
 def test_all_but_two_seconds_are_learnt_from(flight) -> None:
     """Half a window at the end, the first fixes and half a window at the beginning."""
     aircraft, samples = flight
@@ -66,6 +68,7 @@ def aircraft_step(points) -> float:
     return float(np.median(np.diff(points[:, CoefficientSample.TIME])))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("back", [20.0, -3600.0, -1e8])
 def test_as_nodes_hear_it(flight, back) -> None:
     """Controls come at once, states when their horizon has passed; nobody tells of the restart but the states.
@@ -85,6 +88,7 @@ def test_as_nodes_hear_it(flight, back) -> None:
     assert [(p.value, p.std, p.status) for p in found] == [(p.value, p.std, p.status) for p in wanted]
 
 
+@pytest.mark.long
 def test_a_late_sample_is_no_restart(flight) -> None:
     """One control sample far behind the others is dropped and counted; the rest goes on."""
     aircraft, samples = flight

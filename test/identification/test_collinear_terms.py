@@ -61,6 +61,7 @@ def test_a_term_in_closed_loop_is_told_with_what_it_follows_and_the_input_that_t
         assert said.startswith("; it follows ") and said.endswith(": fly it over a wider range")
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("surface", "begin"),
     [("elevator", 0.0), pytest.param("aileron", 20.0, marks=pytest.mark.long), ("rudder", 20.0)],

@@ -56,6 +56,7 @@ def slow_vanes(gusty):
     return with_slow_vanes(gusty.samples)
 
 
+@pytest.mark.long
 def test_it_is_the_default_and_least_squares_where_vanes_are_on_time(aircraft, gusty):
     found, asked = flown(aircraft, gusty.samples), flown(aircraft, gusty.samples, estimator="rls")
     assert found.learning.published["asked"] == "auto" and found.learning.published["published"] == "rls"
@@ -83,6 +84,7 @@ def chosen(aircraft, slow_vanes):
     return pipeline.parameters, seen
 
 
+@pytest.mark.long
 def test_in_gusts_with_slow_vanes_rml_takes_over_and_says_why(chosen, gusty):
     found, seen = chosen
     names = [published["published"] for published, _ in seen]
@@ -97,6 +99,7 @@ def test_in_gusts_with_slow_vanes_rml_takes_over_and_says_why(chosen, gusty):
     assert abs(pitch.value - truth) < abs(before.value - truth)  # the angles of the filter are late
 
 
+@pytest.mark.long
 def test_nothing_that_was_known_is_lost_when_it_changes(chosen):
     known = [[np.isfinite(p.value) for p in parameters] for _, parameters in chosen[1]]
     assert all(now >= before for pair in pairwise(known) for before, now in zip(*pair, strict=True))
@@ -104,6 +107,7 @@ def test_nothing_that_was_known_is_lost_when_it_changes(chosen):
     assert waiting and all(published["published"] == "rls" for published in waiting)
 
 
+@pytest.mark.long
 def test_how_samples_come_does_not_matter_and_another_model_or_a_reset_begin_with_least_squares(
     aircraft, slow_vanes, chosen
 ):

@@ -120,6 +120,7 @@ def test_without_sound_samples_on_both_sides_it_is_the_filter(what, gusty):
     assert not measured[after, VANE_STD].any() and measured[after, VANE_STD + 1].any()
 
 
+@pytest.mark.long
 def test_any_portions_give_the_same_bits(gusty):
     def points(size):
         identifier = gusty.identifier()

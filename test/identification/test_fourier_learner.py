@@ -43,12 +43,14 @@ def values(estimator):
     return np.array([p.value for p in estimator.snapshot().parameters])
 
 
+@pytest.mark.long
 def test_perfect_states_give_the_true_parameters(exact, flight):
     """Nearer than the time domain comes at 100 Hz (1 %): nothing is differentiated."""
     for p in exact[0].snapshot().parameters:
         assert p.value == pytest.approx(flight.aircraft.coefficients[p.name], rel=4e-3, abs=1e-3), p.name
 
 
+@pytest.mark.long
 def test_lever_arms_and_an_offset_reference_are_transformed_the_same_way(flight, inputs):
     """Moments about another point: M_ref = M_cg - r x F, so C_m there is C_m - (z X - x Z) / chord."""
     reference = np.array([0.05, 0.0, 0.0])
@@ -61,6 +63,7 @@ def test_lever_arms_and_an_offset_reference_are_transformed_the_same_way(flight,
     assert found["Cn_beta"] == pytest.approx(truth["Cn_beta"] - reference[0] / moved.span * truth["CY_beta"], rel=4e-3)
 
 
+@pytest.mark.long
 def test_surfaces_recorded_at_half_the_rate_are_made_good(flight, inputs):
     rows, controls = inputs
     slower = controls[np.arange(0, len(controls), 2)]
@@ -96,6 +99,7 @@ def test_errors_are_covered_and_small_over_flights(aircraft):
     assert np.all(np.abs(np.mean(relative, axis=0)) < 0.015)
 
 
+@pytest.mark.long
 def test_batches_of_any_size_give_the_same_numbers(flight, inputs):
     rows, controls = inputs[0][:2500], inputs[1]
     one, points = learn(flight.aircraft, rows, controls, FOURIER, block=7)
@@ -104,6 +108,7 @@ def test_batches_of_any_size_give_the_same_numbers(flight, inputs):
     assert np.array_equal(points, same, equal_nan=True)
 
 
+@pytest.mark.long
 def test_predictions_are_those_of_the_chosen_estimator_before_it_saw_the_sample(flight, exact):
     estimator, points = exact
     rls, _ = learn(flight.aircraft, *perfect_inputs(flight), None)
@@ -115,6 +120,7 @@ def test_predictions_are_those_of_the_chosen_estimator_before_it_saw_the_sample(
     assert not np.array_equal(values(rls), theta)
 
 
+@pytest.mark.long
 def test_cruise_is_held_to_the_last_bit(inputs, exact):
     estimator = copy.deepcopy(exact[0])
     row, control = inputs[0][-1:].copy(), inputs[1][-1:]
@@ -129,6 +135,7 @@ def test_cruise_is_held_to_the_last_bit(inputs, exact):
     assert np.array_equal(values(estimator), settled)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "what",
     [
@@ -177,6 +184,7 @@ def test_what_cannot_be_learnt_from_does_not_corrupt(flight, inputs, what):
         assert value == pytest.approx(flight.aircraft.coefficients[name], rel=0.01, abs=1.5e-3), name
 
 
+@pytest.mark.long
 def test_what_is_not_excited_is_on_hold_and_a_reset_forgets(flight, inputs, exact):
     rows, controls = inputs
     without_rudder = controls.values[:, :7] * np.array([1.0, 1.0, 0.0, 1.0, 1.0, 1.0, 1.0])
@@ -189,6 +197,7 @@ def test_what_is_not_excited_is_on_hold_and_a_reset_forgets(flight, inputs, exac
     assert np.isnan(values(estimator)).all()
 
 
+@pytest.mark.long
 def test_a_model_without_constants_does_not_use_means(flight, inputs):
     model = model_from_terms({"Cl": ["beta", "p", "r", "da", "dr"]})
     aircraft = replace(with_rate(flight.aircraft, 100.0), model=model)
@@ -198,6 +207,7 @@ def test_a_model_without_constants_does_not_use_means(flight, inputs):
         assert found[name] == pytest.approx(flight.aircraft.coefficients[name], rel=0.02)
 
 
+@pytest.mark.long
 def test_a_mass_that_changes_in_flight_is_followed(flight, inputs):
     """The moments of the second half belong to twice the inertia: half the angular acceleration, the same C_m."""
     rows, controls = inputs

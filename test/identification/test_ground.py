@@ -56,6 +56,7 @@ def test_the_ground_is_where_it_stood_however_the_states_come(unknown):
         np.testing.assert_array_equal(np.concatenate(parts), whole)
 
 
+@pytest.mark.long
 def test_nothing_rests_on_a_height_that_nothing_tells(flight, aircraft):
     """A flight 290 m above the ground had failed "below a height of 0.7 m", and ground effect was tried in it."""
     content = {key: value for key, value in aircraft.source.items() if key != "ground_altitude"}

@@ -106,6 +106,7 @@ def test_every_unit_comes_back_from_a_simulated_recording(aircraft, unit):
     assert np.std(samples.values[:, 0] - late.inputs[:, 0]) < 3.0 * noise
 
 
+@pytest.mark.long
 def test_blocks_of_any_size_give_the_same(aircraft):
     source = {**aircraft.source, "inputs": {"tab": None}}
     flight = simulate_samples(aircraft_from_dict(source), 2, 20.0, effects=[Effect("Cm", "tab", -0.3)])
@@ -120,6 +121,7 @@ def test_blocks_of_any_size_give_the_same(aircraft):
     assert np.isfinite(results[0][:, 25:]).any()
 
 
+@pytest.mark.long
 def test_a_term_of_an_input_that_is_added_in_flight_is_known_at_once(aircraft):
     source = {**aircraft.source, "inputs": {"tab": None}}
     flight = simulate_samples(aircraft_from_dict(source), 4, 40.0, effects=[Effect("Cm", "tab", -0.3)])

@@ -201,6 +201,7 @@ def test_the_sensor_whose_innovations_are_too_large_is_named(aircraft):
     assert ["sensors contradict each other: innovations of the GPS are too large"] in looks(aircraft, rows)[50:56]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("large", "named"),
     [
@@ -313,6 +314,7 @@ def check_never_wild(flown: Flown, truth: dict[str, float], begin: float) -> Non
             assert found[name].status != Trust.USE or low <= found[name].value <= high
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("fault", [f if f in ALONE else pytest.param(f, marks=pytest.mark.long) for f in SENSORS])
 def test_a_sensor_that_fails_is_held_soon_and_used_again_when_it_is_well(bounded, sound, fault):
     flown = Flown(bounded, with_fault(sound.samples, fault, BEGIN, END))
@@ -326,6 +328,7 @@ def test_a_sensor_that_fails_is_held_soon_and_used_again_when_it_is_well(bounded
             assert p.value == pytest.approx(bounded.coefficients[p.name], rel=0.08)
 
 
+@pytest.mark.long
 def test_reason_and_age_say_what_happened(bounded, sound):
     flown = Flown(bounded, with_fault(sound.samples, "gps_lost", BEGIN, END))
     found = {time: p["Cm_alpha"] for time, p in flown.sets}
@@ -337,6 +340,7 @@ def test_reason_and_age_say_what_happened(bounded, sound):
     assert (found[early].value, found[early].std) == (found[late].value, found[late].std)
 
 
+@pytest.mark.long
 def test_a_sound_flight_is_the_same_to_the_last_bit_with_the_gates(bounded, sound):
     flown = Flown(bounded, sound.samples)
     snapshot, estimates = flown.parameters.snapshot(), flown.parameters.estimates()
@@ -346,6 +350,7 @@ def test_a_sound_flight_is_the_same_to_the_last_bit_with_the_gates(bounded, soun
     assert sum(p.status == Trust.USE for p in snapshot.parameters) > 25
 
 
+@pytest.mark.long
 def test_a_fault_is_the_same_in_blocks_of_any_size(bounded, sound):
     samples = with_fault(sound.samples, "alpha_stuck", BEGIN, END)
     samples = samples[: np.searchsorted(samples.stamp, EPOCH + 110_000_000_000)]
@@ -363,6 +368,7 @@ def test_another_learner_goes_back_too(bounded, sound):
     assert len(flown.used(END + 40.0, DURATION)[-1]) >= 8
 
 
+@pytest.mark.long
 def test_a_rudder_that_sticks_keeps_the_values_from_before_until_it_moves(bounded):
     effects = stuck_surface(bounded.coefficients, "dr", 0.0, BEGIN, END)
     flown = Flown(bounded, simulate_samples(bounded, 3, DURATION, effects=effects).samples)
@@ -375,6 +381,7 @@ def test_a_rudder_that_sticks_keeps_the_values_from_before_until_it_moves(bounde
     assert all("Cm_de" in used for used in flown.used(BEGIN - 5.0, DURATION))  # what it does not touch
 
 
+@pytest.mark.long
 def test_a_record_that_stands_still_is_no_change_of_the_aeroplane(bounded, sound):
     """The elevator goes on moving: nothing of it is in the recording."""
     flown = Flown(bounded, with_fault(sound.samples, "elevator_record", BEGIN, END))
@@ -389,6 +396,7 @@ def test_a_record_that_stands_still_is_no_change_of_the_aeroplane(bounded, sound
     assert all("Cl_da" in used for used in flown.used(BEGIN - 5.0, DURATION))  # what it does not touch
 
 
+@pytest.mark.long
 def test_a_record_that_shows_half_is_named_and_not_believed(bounded, sound):
     """To the pitch axis alone it is an elevator of twice the effect, which no aeroplane has."""
     values, stamps = sound.samples.values.copy(), sound.samples.stamp
@@ -406,6 +414,7 @@ def test_a_record_that_shows_half_is_named_and_not_believed(bounded, sound):
     assert all("Cl_da" in used for used in flown.used(BEGIN - 5.0, DURATION))  # what it does not touch
 
 
+@pytest.mark.long
 def test_an_airspeed_that_stands_still_in_gusts_is_held(bounded):
     """Wind explains it: only that it repeats itself to the last bit tells."""
     flight = simulate_samples(bounded, 3, DURATION, turbulence="light")
@@ -429,6 +438,7 @@ def test_an_aeroplane_that_changes_is_learnt_anew_and_used_again(bounded):
     assert all("Cl_da" in used for used in flown.used(BEGIN, DURATION))
 
 
+@pytest.mark.long
 def test_a_hold_survives_a_clock_that_begins_anew_and_a_reset_ends_it(bounded, sound):
     samples = with_fault(sound.samples, "gps_lost", BEGIN, END)
     flown = Flown(bounded, samples[: np.searchsorted(samples.stamp, EPOCH + 70_000_000_000)])
@@ -442,6 +452,7 @@ def test_a_hold_survives_a_clock_that_begins_anew_and_a_reset_ends_it(bounded, s
     assert not flown.parameters.learning.integrity.summary()["held"]
 
 
+@pytest.mark.long
 def test_what_is_published_grows_old_while_nothing_can_be_learnt(bounded, sound):
     samples = sound.samples[: np.searchsorted(sound.samples.stamp, EPOCH + 70_000_000_000)]
     flown = Flown(bounded, samples)
@@ -462,6 +473,7 @@ def test_what_is_published_grows_old_while_nothing_can_be_learnt(bounded, sound)
 # -- learners remember ----------------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_fourier_recalls_what_it_remembered(bounded, sound):
     pipeline = Pipeline(bounded, None, ParameterOptions(estimator="fourier"))
     first, then, last = (np.searchsorted(sound.samples.stamp, EPOCH + s * 10**9) for s in (40, 50, 80))

@@ -154,6 +154,7 @@ def test_noise_of_the_imu_makes_of_coefficients_what_it_says(aircraft, rate, fac
     np.testing.assert_allclose(found.std(axis=0), np.sqrt(noise.response(sample)[0]), rtol=0.12)
 
 
+@pytest.mark.long
 def test_an_axis_whose_coefficient_the_model_does_not_explain_has_hold_and_says_so(aircraft):
     """Flaps that no term has: lift is not explained for a while, and the values of C_m are those from before."""
     flight = simulate_samples(aircraft, 3, 100.0, hidden=[("flaps", 2.0)], manoeuvres="flaps", rate=200.0)
@@ -180,6 +181,7 @@ def test_an_axis_whose_coefficient_the_model_does_not_explain_has_hold_and_says_
     assert any(p.status == Trust.USE for p in of_axis(known.snapshot(), "Cm"))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("turbulence", [pytest.param("light", marks=pytest.mark.long), "moderate"])
 def test_gusts_are_no_lack_of_fit(aircraft, turbulence):
     flight = simulate_samples(aircraft, 8, 90.0, turbulence=turbulence, rate=200.0)

@@ -33,12 +33,14 @@ def user(lagging):
     return with_terms(lagging.aircraft, {"Cm": (LAGGED,)}, {})
 
 
+@pytest.mark.long
 def test_it_is_learnt_from_perfect_states(lagging, inputs):
     found = {p.name: p.value for p in learn(user(lagging), *inputs, None)[0].snapshot().parameters}
     assert found[f"Cm_{LAGGED}"] == pytest.approx(-0.4, rel=0.05)
     assert found["Cm_alpha"] == pytest.approx(lagging.aircraft.coefficients["Cm_alpha"], rel=0.05)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("estimator", ["rls", pytest.param("fourier", marks=pytest.mark.long)])
 def test_batches_of_any_size_give_the_same_numbers(lagging, inputs, estimator):
     rows, controls = inputs[0][:2500], inputs[1]

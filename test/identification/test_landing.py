@@ -117,6 +117,7 @@ def on_wheels(samples, state):
     return joined[np.argsort(joined.stamp, kind="stable")]
 
 
+@pytest.mark.long
 def test_a_hard_landing_spoils_nothing_and_blocks_of_any_size_say_the_same():
     aircraft = default_aircraft()
     samples = simulate_samples(aircraft, 5, FLIGHT, sensors=SensorOptions(attitude=True)).samples

@@ -34,6 +34,7 @@ def flown(aircraft, samples, block: int):
     return np.vstack(points), pipeline.parameters.late
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("lateness", [0.75, *(pytest.param(late, marks=pytest.mark.long) for late in (0.4, 1.5, 4.0))])
 def test_blocks_of_any_size_give_the_same(aircraft, flight, lateness) -> None:
     samples, count = with_late_controls(flight, lateness)

@@ -43,6 +43,7 @@ def flown(aircraft: Aircraft, samples: Samples) -> Pipeline:
     return pipeline
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("turbulence", "late"), [("none", RECORDED), ("moderate", 0.0)])
 def test_lateness_is_found_and_what_is_in_use_holds_the_truth(turbulence: str, late: float) -> None:
     flight = simulate_samples(default_aircraft(), 43, 60.0, turbulence=turbulence, manoeuvres="varied")
@@ -66,6 +67,7 @@ SERVOS = [
 ]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("lag", "dead_time", "far", "off"), SERVOS)
 @pytest.mark.parametrize("turbulence", [pytest.param("none", marks=pytest.mark.long), "moderate"])
 def test_of_commands_the_lag_of_the_servos_is_found_and_parameters_are_freed_of_it(
@@ -87,6 +89,7 @@ def test_of_commands_the_lag_of_the_servos_is_found_and_parameters_are_freed_of_
         assert abs(known[name].value - flight.coefficients[name]) < 2.0 * known[name].std, name
 
 
+@pytest.mark.long
 def test_the_delay_is_said_and_the_completed_file_has_it() -> None:
     flight = simulate_samples(default_aircraft(), 44, 60.0)
     for late in (RECORDED, 0.0):
@@ -102,6 +105,7 @@ def test_the_delay_is_said_and_the_completed_file_has_it() -> None:
             assert f"delay: {delay:.3f}" in said[0]
 
 
+@pytest.mark.long
 def test_the_completed_file_has_the_lag_as_far_as_it_was_found() -> None:
     flight = simulate_samples(default_aircraft(), 46, 60.0, sensors=SensorOptions(command_lag=0.05))
     pipeline = flown(of_shape(flight.aircraft), flight.samples)
@@ -129,6 +133,7 @@ def test_what_is_null_or_was_found_is_not_said(unsaid) -> None:
     assert said.undescribed.late_motion is None
 
 
+@pytest.mark.long
 def test_a_file_that_says_when_is_believed() -> None:
     flight = simulate_samples(default_aircraft(), 43, 40.0)
     samples = early(flight.samples, RECORDED)

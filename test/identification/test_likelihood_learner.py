@@ -84,6 +84,7 @@ def test_parameters_in_turbulence_are_covered_by_their_standard_errors(learnt, g
         assert value[i] == pytest.approx(truth[i], rel=0.06), name
 
 
+@pytest.mark.long
 def test_noise_levels_are_found_with_the_parameters(learnt):
     """Sensors are as the file says; the gusts, which the file puts at 0.03, are those of turbulence."""
     levels = learnt.parameters.learning.estimator.noise_levels()
@@ -92,6 +93,7 @@ def test_noise_levels_are_found_with_the_parameters(learnt):
     assert 0.2 < levels["gusts_vertical"] < 1.0 and 0.2 < levels["gusts_horizontal"] < 1.0
 
 
+@pytest.mark.long
 def test_in_turbulence_it_is_nearer_than_least_squares_on_the_states(learnt, gusty):
     """C_m, where angles that are late bend most in turbulence: sum of the relative errors of its four parameters."""
     other = Pipeline(gusty.aircraft, None, ParameterOptions(measured_angles=False))
@@ -103,6 +105,7 @@ def test_in_turbulence_it_is_nearer_than_least_squares_on_the_states(learnt, gus
     assert np.abs(ours / truth - 1.0).sum() < 0.7 * np.abs(theirs / truth - 1.0).sum()
 
 
+@pytest.mark.long
 def test_covariance_is_symmetric_and_positive_and_verdicts_are_given(learnt):
     snapshot = learnt.parameters.snapshot()
     np.testing.assert_allclose(snapshot.covariance, snapshot.covariance.T)
@@ -115,6 +118,7 @@ def test_covariance_is_symmetric_and_positive_and_verdicts_are_given(learnt):
 # -- deterministic --------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("block", [1, pytest.param(37, marks=pytest.mark.long)])
 def test_live_in_any_blocks_equals_replay(aircraft, short, block):
     samples = short.samples[: len(short.samples) // 2]
@@ -132,6 +136,7 @@ def test_live_in_any_blocks_equals_replay(aircraft, short, block):
 # -- nothing wild ---------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_a_term_that_never_moves_is_held(aircraft, short):
     terms = dict(TEXTBOOK_TERMS) | {"CZ": (*TEXTBOOK_TERMS["CZ"], "flaps")}
     pipeline = fly(quick(replace(aircraft, model=model_from_terms(terms))), short.samples)
@@ -155,6 +160,7 @@ def faulty(samples: Samples) -> Samples:
     return Samples(samples.stamp[kept], samples.kind[kept], values[kept])
 
 
+@pytest.mark.long
 def test_gaps_dead_sensors_and_absurd_values_do_no_harm(aircraft, short, clean):
     pipeline = fly(quick(aircraft), faulty(short.samples))
     (value, std), (other, other_std) = values_and_stds(clean), values_and_stds(pipeline)
@@ -170,6 +176,7 @@ def test_without_controls_nothing_is_learnt_and_nothing_moves(aircraft, short):
     assert all(p.status == Trust.HOLD and np.isnan(p.value) for p in pipeline.parameters.snapshot().parameters)
 
 
+@pytest.mark.long
 def test_lost_filters_begin_anew_with_what_was_learnt(aircraft, short):
     samples = short.samples
     half = int(np.searchsorted(samples.stamp, samples.stamp[0] + int(18e9)))
@@ -187,6 +194,7 @@ def test_lost_filters_begin_anew_with_what_was_learnt(aircraft, short):
     assert np.all(moved < 0.2 * (learner.recursion.high - learner.recursion.low)[:n])
 
 
+@pytest.mark.long
 def test_a_model_that_explains_nothing_is_given_up(aircraft, short):
     """Noise levels out of all proportion: parameters are NaN and HOLD until a new start."""
     samples = short.samples
@@ -199,6 +207,7 @@ def test_a_model_that_explains_nothing_is_given_up(aircraft, short):
     assert all(p.status == Trust.HOLD and np.isnan(p.value) for p in pipeline.parameters.snapshot().parameters)
 
 
+@pytest.mark.long
 def test_reset_forgets_and_a_new_clock_does_not(aircraft, clean):
     learner = copy.deepcopy(clean.parameters.learning.estimator)
     theta = learner.recursion.theta.copy()

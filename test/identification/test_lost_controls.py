@@ -73,6 +73,7 @@ def flight(aircraft):
     return begins_lost(samples[samples.stamp < samples.stamp[0] + 18 * SECOND])
 
 
+@pytest.mark.long
 def test_what_may_be_used_is_right(aircraft, flight):
     """With straight lines across what was lost Cl_da was 28 standard errors from the truth, and said USE."""
     pipeline, used = Pipeline(aircraft), 0
@@ -85,6 +86,7 @@ def test_what_may_be_used_is_right(aircraft, flight):
     assert used > 50
 
 
+@pytest.mark.long
 def test_blocks_of_any_size_give_the_same(aircraft, flight):
     few = flight[: len(flight) // 2]
 

@@ -187,6 +187,7 @@ def rms(points, axis):
     return float(np.sqrt(np.mean((points[:, 1 + axis] - points[:, 7 + axis]) ** 2)))
 
 
+@pytest.mark.long
 def test_the_error_falls_at_once_and_other_axes_do_not_notice(flown, at_sixty):
     estimator, memory = copy.deepcopy(at_sixty)
     plain = copy.deepcopy(estimator)
@@ -222,6 +223,7 @@ def farthest(used, truth):
     return max((abs(value - truth[name]) / std for name, (value, std) in used.items() if name in truth), default=0.0)
 
 
+@pytest.mark.long
 def test_what_was_found_of_servos_stays_in_axes_that_are_not_changed(of_servos):
     """It was forgotten: values were published as least squares has them, half as large, with USE."""
     flown, estimator, memory = of_servos[0], *copy.deepcopy(of_servos[1:])
@@ -236,6 +238,7 @@ def test_what_was_found_of_servos_stays_in_axes_that_are_not_changed(of_servos):
         assert farthest(in_use(estimator), flown.aircraft.coefficients) < 4.0
 
 
+@pytest.mark.long
 def test_a_term_that_a_user_takes_out_is_no_change_of_the_aeroplane(flown, at_sixty):
     """The error of an axis that lost its elevator grows: what it had learnt was dropped for that."""
     estimator, memory = copy.deepcopy(at_sixty)
@@ -249,6 +252,7 @@ def test_a_term_that_a_user_takes_out_is_no_change_of_the_aeroplane(flown, at_si
     assert abs(known.value - flown.aircraft.coefficients["Cm_de"]) < 4.0 * known.std < 0.1
 
 
+@pytest.mark.long
 def test_a_hold_because_of_a_sensor_outlives_a_change_of_the_model(of_servos):
     """So do the values from before it: all of them were lost, of axes too that were not changed."""
     estimator, memory = copy.deepcopy(of_servos[1:])
@@ -270,6 +274,7 @@ def test_a_hold_because_of_a_sensor_outlives_a_change_of_the_model(of_servos):
     assert sum(np.isfinite(p.value) for p in after.values()) > 20
 
 
+@pytest.mark.long
 def test_an_axis_goes_back_to_what_it_knew_before_the_model_was_changed(of_servos):
     flown, (estimator, memory) = of_servos[0], copy.deepcopy(of_servos[1:])
     monitor = estimator.learning.integrity
@@ -289,6 +294,7 @@ def test_an_axis_goes_back_to_what_it_knew_before_the_model_was_changed(of_servo
     assert farthest(in_use(estimator), flown.aircraft.coefficients) < 4.0
 
 
+@pytest.mark.long
 def test_what_is_held_is_saved_as_it_was_before(of_servos, tmp_path):
     """What the monitor had withdrawn came back with USE when it was loaded."""
     estimator = copy.deepcopy(of_servos[1])
@@ -317,6 +323,7 @@ def loaded_in_flight(of_servos, tmp_path):
     return flown, estimator
 
 
+@pytest.mark.long
 def test_what_was_loaded_is_published_while_a_sensor_is_wrong_from_the_start(of_servos, tmp_path):
     """Nothing was."""
     flown, estimator = loaded_in_flight(of_servos, tmp_path)
@@ -329,6 +336,7 @@ def test_what_was_loaded_is_published_while_a_sensor_is_wrong_from_the_start(of_
     assert sum(np.isfinite(p.value) for p in published) > 25
 
 
+@pytest.mark.long
 def test_what_another_flight_has_learnt_waits_until_the_sensors_of_this_one_have_shown_themselves(of_servos, tmp_path):
     """It was published as least squares has it, with USE."""
     flown, estimator = loaded_in_flight(of_servos, tmp_path)
@@ -343,6 +351,7 @@ def test_what_another_flight_has_learnt_waits_until_the_sensors_of_this_one_have
     assert len(used) > 10
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("places", [True, False])
 def test_a_file_of_mass_and_shape_takes_it_too(flown, places):
     """What nobody has described is followed through the change."""
@@ -376,6 +385,7 @@ def test_it_is_what_an_estimator_with_the_term_from_the_beginning_knows(flown, a
     assert estimator.snapshot().parameters[-1].age == early.snapshot().parameters[-1].age
 
 
+@pytest.mark.long
 def test_removed_again_all_is_as_before(flown, at_sixty):
     estimator, memory = copy.deepcopy(at_sixty)
     was, before = estimator.model, estimator.snapshot()
@@ -389,6 +399,7 @@ def test_removed_again_all_is_as_before(flown, at_sixty):
     flown.fly(estimator, 60.0, 70.0)
 
 
+@pytest.mark.long
 def test_the_longest_axis_may_grow(flown, at_sixty):
     estimator, memory = copy.deepcopy(at_sixty)
     added = {"Cl": ("alpha*beta", "alpha*da"), "CZ": ("alpha**3",)}
@@ -402,6 +413,7 @@ def test_the_longest_axis_may_grow(flown, at_sixty):
         assert np.linalg.eigvalsh(p / np.outer(scale, scale)).min() > 0.0
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["fourier", pytest.param("rml", marks=pytest.mark.long)])
 def test_another_learner_begins_anew_and_says_so(flown, name):
     estimator, memory = flown.estimator(estimator=name, rml_rate=25.0), SampleMemory()
@@ -412,6 +424,8 @@ def test_another_learner_begins_anew_and_says_so(flown, name):
     assert [p.name for p in estimator.snapshot().parameters].count("CZ_alpha3") == 1
 
 
+@pytest.mark.long
+@pytest.mark.long_after_the_first
 @pytest.mark.parametrize(("term", "words"), [
     ("sqrt(alpha - 1.2)", "is no number"), ("1/max(alpha - 1.2, 0)", "is no number"),
     ("max(alpha - 1.2, 0)", "not enough motion yet"),
@@ -432,6 +446,7 @@ def test_a_term_that_says_nothing_holds_no_other_one(flown, plain_at_fifty, name
         assert found[key].std == pytest.approx(p.std, rel=0.01), key
 
 
+@pytest.mark.long
 def test_a_term_that_is_a_number_at_times_is_held_meanwhile(flown):
     estimator = flown.estimator(estimator="rls")
     change_model(estimator, with_terms(flown.aircraft, {"Cm": ("sqrt(30 - time)",)}, {}), SampleMemory().newest())
@@ -444,6 +459,7 @@ def test_a_term_that_is_a_number_at_times_is_held_meanwhile(flown):
     assert found["Cm_alpha"].status == Trust.USE and found["Cm_alpha"].age < 1.0
 
 
+@pytest.mark.long
 def test_changes_that_make_no_sense_are_refused_and_change_nothing(at_sixty):
     estimator, memory = copy.deepcopy(at_sixty)
     aircraft, before = estimator.aircraft, estimator.learning.least_squares.state
@@ -516,6 +532,7 @@ def test_a_run_with_a_change_is_one_of_its_last_model(aircraft, tmp_path):
     assert cubed == pytest.approx(alpha**3, abs=1e-9)
 
 
+@pytest.mark.long
 def test_nothing_is_compiled_in_flight_when_the_model_is_changed():
     """The first term with memory held up a node for five seconds, and samples were lost."""
     script = """

@@ -53,6 +53,7 @@ def learn(aircraft, rows, controls, options=None, block: int = 500) -> tuple[Ide
     return estimator, np.vstack([*points, estimator.flush()])
 
 
+@pytest.mark.long
 def test_samples_and_time_change_with_the_last_state_until_news_alone(flight):
     rows, controls = perfect_inputs(flight)
     rows = np.delete(rows[:3000], slice(1500, 1800), axis=0)  # with a pause in which what is known becomes stale
@@ -78,6 +79,7 @@ def replayed(flight) -> Pipeline:
     return pipeline
 
 
+@pytest.mark.long
 def test_perfect_states_give_the_true_parameters(flight) -> None:
     """All 32, each as near as sampling at 100 Hz allows: the differentiator treats both sides alike."""
     estimator, points = learn(flight.aircraft, *perfect_inputs(flight))
@@ -91,6 +93,7 @@ def test_perfect_states_give_the_true_parameters(flight) -> None:
         assert np.sqrt(np.mean((measured - predicted) ** 2)) < 0.01 * np.std(measured), axis
 
 
+@pytest.mark.long
 def test_measured_coefficients_are_those_of_the_simulator(flight) -> None:
     """Independent of the regression: window means of the simulator's own coefficients, with lever arms."""
     _, points = learn(flight.aircraft, *perfect_inputs(flight, 400.0))
@@ -104,6 +107,7 @@ def test_measured_coefficients_are_those_of_the_simulator(flight) -> None:
         assert np.all(np.abs(point[CoefficientSample.MEASURED] - expected) < 0.02 * scale)
 
 
+@pytest.mark.long
 def test_errors_are_covered_by_standard_errors(replayed: Pipeline, flight) -> None:
     """A flight of the benchmark: at most 2 of 32 parameters beyond 3 standard errors, none beyond 5."""
     z = np.array(
@@ -113,6 +117,7 @@ def test_errors_are_covered_by_standard_errors(replayed: Pipeline, flight) -> No
     assert np.abs(z).max() < 5.0
 
 
+@pytest.mark.long
 def test_main_derivatives_are_trusted_and_right(replayed: Pipeline, flight) -> None:
     estimates = {p.name: p for p in replayed.parameters.snapshot().parameters}
     longitudinal = ("CZ_alpha", "Cm_alpha", "Cm_q", "Cm_de")
@@ -127,6 +132,7 @@ def test_covariance_is_symmetric_and_positive(replayed: Pipeline) -> None:
     assert np.linalg.eigvalsh(covariance).min() > 0.0
 
 
+@pytest.mark.long
 def test_cruise_holds_what_was_learnt(flight, replayed: Pipeline) -> None:
     """Ten minutes without motion but with noise: nothing drifts, nothing blows up, ages grow."""
     rows, controls = perfect_inputs(flight)
@@ -156,6 +162,7 @@ def test_cruise_holds_what_was_learnt(flight, replayed: Pipeline) -> None:
     assert min(ages) > 500.0
 
 
+@pytest.mark.long
 def test_a_change_in_flight_is_followed(flight) -> None:
     """Elevator effectiveness halves at 60 s: what rests on 4 s of motion has forgotten it at the end."""
     rows, controls = perfect_inputs(flight)
@@ -197,6 +204,7 @@ def test_a_rudder_that_does_not_move_is_held(flight) -> None:
             assert p.status == Trust.HOLD and p.reason, p.name
 
 
+@pytest.mark.long
 def test_impossible_values_are_rejected(flight) -> None:
     """An accelerometer mounted upside down gives a lift slope that no aeroplane has."""
     rows, controls = perfect_inputs(flight)
@@ -219,6 +227,7 @@ def test_gaps_and_nan_in_controls_are_passed_over(flight) -> None:
     assert not points[silent, CoefficientSample.VALID].any()
 
 
+@pytest.mark.long
 def test_every_block_size_gives_the_same_bits(flight) -> None:
     rows, controls = perfect_inputs(flight)
     one, points = learn(flight.aircraft, rows[:4000], controls, block=4000)
@@ -228,6 +237,7 @@ def test_every_block_size_gives_the_same_bits(flight) -> None:
     assert np.array_equal(one.snapshot().covariance, other.snapshot().covariance, equal_nan=True)
 
 
+@pytest.mark.long
 def test_mass_that_changes_is_used(flight) -> None:
     """Half the mass in the message halves the measured force coefficients, and NaN leaves the rest."""
     rows, controls = perfect_inputs(flight)
@@ -304,6 +314,7 @@ def test_damaged_model_file_changes_nothing(damage: str, flight, tmp_path) -> No
     assert np.array_equal(estimator.learning.least_squares.state.theta, before)
 
 
+@pytest.mark.long
 def test_reset_forgets(flight) -> None:
     estimator, _ = learn(flight.aircraft, *perfect_inputs(flight))
     estimator.reset()

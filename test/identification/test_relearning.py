@@ -180,6 +180,7 @@ def relearnt(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray, np.ndarr
     return estimate - theta, p, variance * p * np.outer(widening, widening)
 
 
+@pytest.mark.long
 def test_standard_errors_with_a_prior_are_those_of_the_errors_in_coloured_noise():
     """300 draws: rms of error over standard error, which without the colour is far above one."""
     rng = np.random.default_rng(4)
@@ -262,6 +263,7 @@ def test_a_change_that_was_undone_is_told_of_no_more():
     assert changes.summary()["last_change"] == ""
 
 
+@pytest.mark.long
 def test_the_first_motion_after_a_quiet_cruise_is_no_change(aircraft, monkeypatch):
     """What gusts and noise had made of Cl was on HOLD throughout; the first aileron contradicted it, which was told as
     a change of the aeroplane."""
@@ -295,6 +297,7 @@ def test_the_first_motion_after_a_quiet_cruise_is_no_change(aircraft, monkeypatc
         assert abs(last[name].value - aircraft.coefficients[name]) < 4.0 * last[name].std
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("estimator", ["rls", *(pytest.param(e, marks=pytest.mark.long) for e in ("fourier", "rml"))])
 def test_a_lost_elevator_is_noticed_and_learnt_anew_and_never_wild_in_use(lossy, flown, estimator):
     pipeline, sets = flown(estimator)
@@ -314,6 +317,7 @@ def test_a_lost_elevator_is_noticed_and_learnt_anew_and_never_wild_in_use(lossy,
         assert abs(p.value - 2.0 * truth) < 3.0 * SHARE * abs(2.0 * truth)
 
 
+@pytest.mark.long
 def test_without_relearning_the_old_and_the_new_are_mixed(lossy):
     truth = 0.5 * lossy.aircraft.coefficients["Cm_de"]
     pipeline, sets = fly(lossy, relearn=False)
@@ -322,6 +326,7 @@ def test_without_relearning_the_old_and_the_new_are_mixed(lossy):
     assert not pipeline.parameters.learning.changes.counts.any()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("estimator", ["rls", pytest.param("fourier", marks=pytest.mark.long)])
 def test_a_change_is_the_same_in_blocks_of_any_size(lossy, flown, estimator):
     """Of 97 samples, and of 500 with which it was flown."""
@@ -330,6 +335,7 @@ def test_a_change_is_the_same_in_blocks_of_any_size(lossy, flown, estimator):
     assert np.array_equal(bits(runs[0]), bits(runs[1]), equal_nan=True)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("air", [pytest.param("none", marks=pytest.mark.long), "light"])
 def test_a_flight_without_a_change_is_the_same_to_the_last_bit(aircraft, air):
     flight = simulate_samples(aircraft, 6, 90.0, turbulence=air)
@@ -358,6 +364,7 @@ def worst_in_use(sets, truth: dict[str, float], since: float) -> dict[str, float
     return worst
 
 
+@pytest.mark.long
 def test_what_is_learnt_while_a_change_goes_on_is_forgotten_after_it(flaps):
     pipeline, sets = fly(flaps)
     sizes = {"CZ_0": -0.25, "CX_0": -0.03, "Cm_0": -0.05}
@@ -374,11 +381,13 @@ def test_what_is_learnt_while_a_change_goes_on_is_forgotten_after_it(flaps):
         assert last[name].value == pytest.approx(truth[name], rel=0.1)
 
 
+@pytest.mark.long
 def test_a_change_that_goes_on_is_the_same_in_blocks_of_any_size(flaps):
     runs = [fly(flaps)[0].parameters, fly(flaps, 97)[0].parameters]
     assert np.array_equal(bits(runs[0]), bits(runs[1]), equal_nan=True)
 
 
+@pytest.mark.long
 def test_users_are_told_of_it(flown):
     estimator = copy.deepcopy(flown("rls")[0].parameters)
     (change,) = parameters_json(estimator)["changes"]
@@ -431,6 +440,7 @@ def test_an_axis_that_is_taken_over_leaves_the_others_as_they_were(recursion, ai
     assert recursion.theta[part] == pytest.approx(theta)
 
 
+@pytest.mark.long
 def test_a_step_that_the_model_has_is_not_learnt_by_a_constant_besides(aircraft):
     """The constant was opened at that moment, and each was given half of the change, 9 standard errors off, to USE.
 

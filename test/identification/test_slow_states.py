@@ -44,6 +44,7 @@ CASES = {
 }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "case", [c if i % 3 == 2 else pytest.param(c, marks=pytest.mark.long) for i, c in enumerate(CASES)]
 )
@@ -56,6 +57,7 @@ def test_the_truth_is_within_the_standard_errors(case: str) -> None:
     assert max(relative.values()) < largest, relative
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("estimator", "largest"), [("fourier", 0.06), pytest.param("rml", 0.06, marks=pytest.mark.long)]
 )
@@ -65,6 +67,7 @@ def test_other_estimators_at_ten_hertz(estimator: str, largest: float) -> None:
     assert max(relative.values()) < largest, relative
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("estimator", ["rls", *(pytest.param(e, marks=pytest.mark.long) for e in ("fourier", "rml"))])
 def test_blocks_of_any_size_give_the_same_bits_at_ten_hertz(estimator: str) -> None:
     samples = all_thinned(fast_flight(SEED).samples, 10.0, jitter=0.2, lost=0.1)
@@ -78,6 +81,7 @@ def test_blocks_of_any_size_give_the_same_bits_at_ten_hertz(estimator: str) -> N
         np.testing.assert_array_equal(found.covariance, expected.covariance)
 
 
+@pytest.mark.long
 def test_another_rate_in_flight_is_followed() -> None:
     """100 Hz, 10 Hz, 100 Hz by thirds: as good as the slowest of them, in blocks of any size."""
     samples = fast_flight(SEED).samples
@@ -102,6 +106,7 @@ def test_at_five_hertz_the_reason_is_the_rate(estimator: str) -> None:
     assert {(p.status, p.reason) for p in found.parameters} == {(Trust.HOLD, words)}
 
 
+@pytest.mark.long
 def test_what_was_learnt_stays_when_the_imu_becomes_too_slow() -> None:
     samples = fast_flight(SEED).samples
     half = samples.stamp[len(samples) // 2]

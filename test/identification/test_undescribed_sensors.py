@@ -47,6 +47,7 @@ def z_of(found: ParameterSet, truth: dict[str, float]) -> dict[str, float]:
     return {p.name: abs(p.value - truth[p.name]) / p.std for p in found.parameters if p.status is Trust.USE}
 
 
+@pytest.mark.long
 def test_late_and_small_vanes_are_found_and_their_parameters_hold_the_truth(flight: SimulatedFlight) -> None:
     samples, truth = poor(flight.samples), dict(flight.coefficients)
     pipeline = replayed(of_shape(flight.aircraft), samples)
@@ -63,6 +64,7 @@ def test_late_and_small_vanes_are_found_and_their_parameters_hold_the_truth(flig
     assert max(sound[name] for name in lateral if name in sound) < 3.0
 
 
+@pytest.mark.long
 def test_where_the_imu_sits_is_no_error_of_a_vane() -> None:
     """Ahead of the centre of gravity it feels what q and r change: by x/V, 12 ms here, vanes had seemed early."""
     known = default_aircraft().source
@@ -75,6 +77,7 @@ def test_where_the_imu_sits_is_no_error_of_a_vane() -> None:
     assert np.all(np.abs(mean) < 2.0 * std) and np.all(std[:, 1] < 0.005)
 
 
+@pytest.mark.long
 def test_a_described_vane_is_as_it_says(flight: SimulatedFlight) -> None:
     pipeline = replayed(flight.aircraft, flight.samples)
     assert pipeline.parameters.learning.undescribed.doubt() is None
@@ -87,6 +90,7 @@ def test_noise_alone_describes_no_sensor(flight: SimulatedFlight, said: dict[str
     assert (UndescribedSensors(aircraft).doubt() is None) == described
 
 
+@pytest.mark.long
 def test_blocks_do_not_matter(flight: SimulatedFlight) -> None:
     samples = poor(flight.samples)
     few = samples[samples.stamp < samples.stamp.min() + 25 * 10**9]
@@ -119,6 +123,7 @@ def test_without_motion_a_vane_is_as_vanes_are_built() -> None:
     assert np.sqrt(np.diag(covariance)) == pytest.approx([SCALE, LAG])
 
 
+@pytest.mark.long
 def test_until_the_roll_has_shown_where_a_vane_is_it_may_be_out_on_the_wing() -> None:
     """Live had published 60 % of the lift slope to use in its first 20 s, of a vane 0.4 m out that no file places."""
     known = default_aircraft()

@@ -27,6 +27,7 @@ def nearest(stamps, wanted):
     return np.where(wanted - stamps[right - 1] <= stamps[right] - wanted, right - 1, right)
 
 
+@pytest.mark.long
 def test_samples_are_the_same_but_for_rounding(both):
     """Stamps within 3 ms; values within what MAVLink's integers round to."""
     direct, bridge = both
@@ -50,6 +51,7 @@ def test_samples_are_the_same_but_for_rounding(both):
     assert np.nanmedian(np.abs(thrust)) < 0.01  # [N] of 2.5; a named float comes after the servos of its sample
 
 
+@pytest.mark.long
 def test_parameters_are_the_same_within_their_standard_errors(both, aircraft):
     found = []
     for samples in both:

@@ -338,6 +338,7 @@ def first(sent, value):
 # -- the comparison -------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_every_message_that_is_sent_is_compared_in_every_field(flown):
     assert flown.names == set(EXPECTED)
     for name, fields in EXPECTED.items():
@@ -348,6 +349,7 @@ def definition(name):
     return dialect.mavlink_map[getattr(dialect, f"MAVLINK_MSG_ID_{name}")]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", EXPECTED)
 def test_fields_are_the_truth_in_the_unit_of_the_definition(flown, name):
     sent = flown.of(name)

@@ -56,6 +56,7 @@ def test_a_recording_that_is_there_stays(capfd, victim):
     assert contents(victim) == before
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("more", [("--connect", "nonsense"), ("--duration", "5"), ("--calibration", "nowhere.yaml")])
 def test_a_flight_that_is_refused_replaces_nothing(capfd, victim, more):
     before = contents(victim)
@@ -63,6 +64,7 @@ def test_a_flight_that_is_refused_replaces_nothing(capfd, victim, more):
     assert contents(victim) == before
 
 
+@pytest.mark.long
 def test_a_flight_is_recorded_and_may_replace_a_recording(victim, quick):
     arguments = ["--connect", CONNECTION, "--simulator", "textbook", "--duration", "20", "--record"]
     assert main([*arguments, str(victim.parent / "new" / "bag")]) == 0
@@ -93,6 +95,7 @@ def test_bad_numbers_are_one_line(capfd, arguments, text):
     assert text in refused(capfd, *arguments)
 
 
+@pytest.mark.long
 def test_jsbsim_flies_through_a_restart_and_writes_what_the_page_says(tmp_path):
     """By the command of the page, with a restart sooner and a flight that is shorter."""
     root = Path(__file__).resolve().parents[2]

@@ -43,6 +43,7 @@ def whole(output):
     return {name: output.fields.get(name, np.full(len(output.stamp), np.nan)) for name in used}
 
 
+@pytest.mark.long
 def test_what_was_flown_comes_back(samples):
     listener = Px4Listener(MAPPING)
     found = as_samples(heard(listener, px4_messages(samples)))
@@ -61,6 +62,7 @@ def test_what_was_flown_comes_back(samples):
     assert listener.condition == "" and listener.summary()["clock"] == "of this computer"
 
 
+@pytest.mark.long
 def test_stamps_since_the_start_are_late_by_the_least_delay(samples):
     listener = Px4Listener(MAPPING)
     outputs = heard(listener, px4_messages(samples, start=7_000_000), delay=2_000_000)
@@ -73,6 +75,7 @@ def test_stamps_since_the_start_are_late_by_the_least_delay(samples):
     assert listener.restarts == 1 and "started anew" in " ".join(listener.take_notes())
 
 
+@pytest.mark.long
 def test_a_restart_of_a_synchronised_autopilot_is_said(samples):
     """It begins with stamps since its start, until clocks are synchronised again; one such message is no restart."""
     listener = Px4Listener(MAPPING)

@@ -100,6 +100,7 @@ def test_messages_of_others_are_not_mixed_in():
 # -- asking -------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_rates_are_asked_for_by_interval_and_heard(events, mapping):
     simulator, session = MavlinkSimulator(mapping), Session(mapping)
     bridged(first(events, 6.0), simulator, session)
@@ -111,12 +112,14 @@ def test_rates_are_asked_for_by_interval_and_heard(events, mapping):
     assert 50 <= session.published["imu/mag"] <= 60  # the sensor's own 10 Hz
 
 
+@pytest.mark.long
 def test_an_autopilot_without_highres_imu_gives_raw_imu(events, mapping):
     session = Session(mapping)
     bridged(first(events, 12.0, IMU_ALONE), MavlinkSimulator(mapping, Faults(highres_imu=False)), session)
     assert session.received["RAW_IMU"] > 100 * 6
 
 
+@pytest.mark.long
 def test_an_autopilot_that_knows_no_intervals_is_asked_for_streams(events, mapping):
     session = Session(mapping)
     simulator = MavlinkSimulator(mapping, Faults(knows_intervals=False))
@@ -160,6 +163,7 @@ def stamp_errors(outputs, events, bias=0.0):
     return seconds, seconds - taken[np.argmin(np.abs(taken[None, :] - seconds[:, None]), axis=1)]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("faults", "tolerance", "bias"),
     [(Faults(drift=60e-6), 0.004, 0.0), (Faults(drift=60e-6, answers_timesync=False), 0.006, 0.02)],
@@ -196,6 +200,7 @@ def test_answers_to_other_stations_are_not_ours():
 # -- faults of the link -------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_a_fifth_of_the_packets_lost_loses_a_fifth_of_the_samples(events, mapping):
     session = Session(mapping)
     flown = first(events, 30.0, IMU_ALONE)
@@ -225,6 +230,7 @@ def test_a_packet_that_is_overtaken_is_not_missing(mapping):
     assert session.missing == len(lost)
 
 
+@pytest.mark.long
 def test_a_restart_of_the_autopilot_is_found_and_everything_asked_for_again(events, mapping):
     session, simulator = Session(mapping), MavlinkSimulator(mapping)
     flown = first(events, 25.0, IMU_ALONE)
@@ -267,6 +273,7 @@ def test_a_restart_in_a_long_silence_is_followed_where_nothing_is_answered(mappi
     assert len(stamps) > 600 and np.abs(stamps).max() < 0.02 and session.losses >= 1
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("sort", ["noise", "nearly"])
 def test_garbage_does_no_harm_and_takes_no_memory(events, mapping, sort):
     """400 kB, a minute of a radio at 57600 baud that hears another transmitter: noise, and broken packets."""
@@ -303,6 +310,7 @@ def replace_clock(session):
     return session
 
 
+@pytest.mark.long
 def test_the_faults_are_what_they_are_called(mapping, events):
     """The MAVLink simulator's own clock: the drift and offset that tests rely on."""
     simulator = MavlinkSimulator(mapping, replace(Faults(), clock_offset=10.0, drift=1e-3))
@@ -367,6 +375,7 @@ def test_what_we_send_is_signed():
     assert not list(signed(bytes(32)).decode(data))
 
 
+@pytest.mark.long
 def test_a_signed_flight_is_that_of_an_unsigned_one(events, mapping):
     flown = first(events, 6.0, IMU_ALONE)
     stamps = []

@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from aircraft_sysid_ros.aircraft.named_inputs import NamedInput
 from aircraft_sysid_ros.mavlink.decoder import Decoder
@@ -60,6 +61,7 @@ def imu_errors(samples, events, late=0.05):
     return imu, at - taken[rows], rows
 
 
+@pytest.mark.long
 def test_a_telemetry_log_on_the_autopilots_own_time(tmp_path, events, mapping):
     report, samples = imported(tmp_path, log_of(events, mapping), mapping)
     imu, error, rows = imu_errors(samples, events)
@@ -74,6 +76,7 @@ def test_a_telemetry_log_on_the_autopilots_own_time(tmp_path, events, mapping):
     assert len(controls) > 350 and np.isfinite(controls[20:, 5]).all()  # thrust comes as a named float
 
 
+@pytest.mark.long
 def test_outputs_with_a_name_of_their_own_are_inputs_that_terms_can_read(tmp_path, events, mapping):
     """The elevator of the simulator, by another name: the same deflections on two topics."""
     first = next(number for number, output in mapping.outputs.items() if output.surface == "elevator")

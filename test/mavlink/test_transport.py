@@ -110,6 +110,7 @@ def test_a_host_that_was_named_is_the_only_one():
         Transport(parse_address(f"udp:127.0.0.1:{port}"), "no.such.host.invalid").open()
 
 
+@pytest.mark.long
 def test_tcp_is_connected_again():
     port = free_port(socket.SOCK_STREAM)
 

@@ -42,6 +42,7 @@ def replayed(flown, out, *more):
     return json.loads((out / "state.json").read_text())
 
 
+@pytest.mark.long
 def test_the_first_step_is_right_with_a_calibration_and_wrong_without(flown, tmp_path):
     wind = flown[1].truth.wind[-1]
     right = replayed(flown, tmp_path / "right", "--calibration", flown[0] / "calibration.yaml")["wind_ned"]
@@ -50,6 +51,7 @@ def test_the_first_step_is_right_with_a_calibration_and_wrong_without(flown, tmp
     assert max(abs(a - b) for a, b in zip(wrong, wind, strict=True)) > 0.8
 
 
+@pytest.mark.long
 def test_who_calibrates_a_run_that_was_corrected_is_told(flown, tmp_path):
     """The new file alone leaves in what the first one corrected."""
     corrected = replayed(flown, tmp_path / "right", "--calibration", flown[0] / "calibration.yaml")
@@ -61,6 +63,7 @@ def test_who_calibrates_a_run_that_was_corrected_is_told(flown, tmp_path):
     assert correction_of(tmp_path / "right") == ""
 
 
+@pytest.mark.long
 def test_a_flight_that_was_cut_off_is_recovered_with_its_calibration(flown, tmp_path, domain, capsys):
     """The filter began without what the file says of the air data, and nothing said that samples were corrected."""
     states = ("--calibration", flown[0] / "calibration.yaml", "--air-data-errors")

@@ -77,6 +77,7 @@ def ended(process):
     return json.loads(output), errors
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", [NODES[0], pytest.param(NODES[1], marks=pytest.mark.long)])
 def test_a_node_that_is_to_be_cleaned_up_keeps_the_flight(recording, aircraft_file, tmp_path, caller, name):
     """It was forgotten, and all that was on the disk was deleted at the end."""
@@ -100,6 +101,7 @@ def test_a_node_that_is_to_be_cleaned_up_keeps_the_flight(recording, aircraft_fi
     assert not journal_path(run).exists()
 
 
+@pytest.mark.long
 def test_after_a_reset_the_run_is_of_the_whole_flight_and_says_so(recording, aircraft_file, tmp_path, caller):
     """It was of the time since the reset; one just before the end left "no state", and deleted the flight."""
     run = tmp_path / "run"
@@ -127,6 +129,7 @@ def test_after_a_reset_the_run_is_of_the_whole_flight_and_says_so(recording, air
     assert set(written["notes"]) <= set(result["notes"])
 
 
+@pytest.mark.long
 def test_a_process_that_cannot_keep_up_answers_and_says_so(recording, aircraft_file, tmp_path, caller):
     """Services and diagnostics came when all messages had been worked off: after the flight."""
     said, answered = [], 0

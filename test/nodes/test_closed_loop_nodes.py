@@ -165,6 +165,7 @@ def test_an_aeroplane_says_what_it_waits_for(bench, monkeypatch, capfd):
     assert "waiting for a sender of commanded_surfaces, a listener to imu/data," in capfd.readouterr().err
 
 
+@pytest.mark.long
 def test_a_controller_says_that_parameters_and_samples_have_stopped(bench, monkeypatch, capfd):
     import controller_node
 

@@ -115,6 +115,7 @@ def wait_for(done, seconds):
     assert done()
 
 
+@pytest.mark.long
 @linux
 def test_what_it_starts_ends_with_it_even_when_it_is_killed():
     script = (
@@ -135,6 +136,7 @@ def hangup_not_ignored():
     signal.signal(signal.SIGHUP, before)
 
 
+@pytest.mark.long
 @linux
 def test_a_closed_terminal_ends_the_flight_and_both_estimators(hangup_not_ignored):
     environment = {**os.environ, "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}

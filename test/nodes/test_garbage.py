@@ -81,6 +81,7 @@ def no_orientation(now):
     return {"imu/data": messages}
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "throws",
     [

@@ -172,6 +172,7 @@ def test_a_flight_that_was_cut_off_is_not_flown_over_and_hinders_none(journal, s
     assert len(recovered(f"{run}-1")[2]) == len(recovered(run)[2]) == len(samples)
 
 
+@pytest.mark.long
 def test_memory_does_not_grow_with_the_flight(aircraft, samples, tmp_path):
     nothing = Identifier(aircraft)
     told = nothing.snapshot(), nothing.model_error()

@@ -47,6 +47,7 @@ def label(bench, name):
 # -- starting --------------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("name", "parameters", "text"),
     [
@@ -103,6 +104,7 @@ def test_configuring_without_an_aircraft_fails_and_can_be_mended(bench, aircraft
 # -- transitions -----------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_activated_again_the_state_goes_on(bench, raw):
     node = bench.node(StateEstimatorNode)
     states = bench.listen(AircraftState, "state_estimator/state")
@@ -257,6 +259,7 @@ def newest(diagnostics, name):
     return found[-1], {item.key: item.value for item in found[-1].values}
 
 
+@pytest.mark.long
 def test_diagnostics_count_what_arrived(flown):
     bench, state, parameters, diagnostics = flown
     diagnostics.clear()
@@ -281,6 +284,7 @@ def test_diagnostics_count_what_arrived(flown):
     assert values["missing_effects"] == "not looked for yet: 60 s of settled flight are needed"
 
 
+@pytest.mark.long
 def test_services_reset_save_and_load(flown, tmp_path):
     bench, state, parameters, _ = flown
     learnt = parameters.estimator.learning.least_squares.state.theta.copy()
@@ -301,6 +305,7 @@ def test_services_reset_save_and_load(flown, tmp_path):
     assert state.estimator.last_row is None
 
 
+@pytest.mark.long
 def test_a_model_is_loaded_where_it_has_the_terms_that_fly(flown):
     """After an effect was added in flight the answer blamed the aircraft file."""
     bench, _, node, _ = flown

@@ -108,6 +108,7 @@ def prior_of(aircraft, folder, **wrong):
     return folder
 
 
+@pytest.mark.long
 def test_a_flight_without_gps_starts_live_where_replay_starts(domain, aircraft, aircraft_file, tmp_path, capsys):
     """Neither knows beforehand that no GPS will come; both begin with the first sample that they kept.
 

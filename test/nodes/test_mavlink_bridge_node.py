@@ -68,6 +68,7 @@ def flying(aircraft):
     flight.end()
 
 
+@pytest.mark.long
 def test_an_autopilot_on_our_topics_and_back(bench, flying):
     flight, port = flying
     values = {"connection": f"udp:127.0.0.1:{port}", "calibration_file": str(CALIBRATION)}
@@ -121,6 +122,7 @@ def test_an_autopilot_on_our_topics_and_back(bench, flying):
     assert "vehicle" in {v.key for v in status.values}
 
 
+@pytest.mark.long
 def test_packets_that_are_lost_on_the_way_are_said_to_be(bench, flying):
     flight, port = flying
     flight.simulator.faults = Faults(loss=0.2)
@@ -137,6 +139,7 @@ def test_packets_that_are_lost_on_the_way_are_said_to_be(bench, flying):
     assert 8.0 < shares[-1] < 60.0 and "are lost on the way" in told()[-1]  # of one second
 
 
+@pytest.mark.long
 def test_parameters_that_cannot_go_back_are_named(bench, flying, monkeypatch, capfd):
     flight, port = flying
     monkeypatch.setattr(mavlink_bridge, "_PATIENCE", 0.5)
@@ -163,6 +166,7 @@ def test_parameters_that_cannot_go_back_are_named(bench, flying, monkeypatch, ca
     assert "".join(said).count("the model has no parameter") == "".join(said).count("have come") == 1
 
 
+@pytest.mark.long
 def test_named_inputs_are_published_as_terms_read_them(bench, flying, tmp_path):
     flight, port = flying
     content = yaml.safe_load(CALIBRATION.read_text())
@@ -183,6 +187,7 @@ def test_named_inputs_are_published_as_terms_read_them(bench, flying, tmp_path):
         assert message.position[0] == deflections[message.header.stamp.sec, message.header.stamp.nanosec]
 
 
+@pytest.mark.long
 def test_topics_can_be_left_to_others(bench, flying):
     _, port = flying
     flying[0].thread.start()
@@ -212,6 +217,7 @@ def test_every_topic_has_a_type_that_is_installed():
         assert common.message_class(kind)
 
 
+@pytest.mark.long
 def test_what_goes_back_changes_in_flight_and_the_link_does_not(bench, flying):
     flight, port = flying
     node = bench.node(MavlinkBridgeNode, connection=f"udp:127.0.0.1:{port}", back_wind_rate=0.0)

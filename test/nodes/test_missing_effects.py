@@ -114,6 +114,7 @@ def test_requests_before_a_flight_and_wrong_ones_are_answered(bench):
     assert remove(bench, expression="CZ: alpha**3").model == old.identifier
 
 
+@pytest.mark.long
 def test_another_estimator_says_that_it_begins_anew(bench, raw):
     state, node = bench.node(StateEstimatorNode), bench.node(ParameterEstimatorNode, estimator="fourier")
     parameters = bench.listen(Parameters, "parameter_estimator/parameters")
@@ -129,6 +130,7 @@ def test_another_estimator_says_that_it_begins_anew(bench, raw):
     assert not len(node.model_services.memory.flight().time)
 
 
+@pytest.mark.long
 def test_no_search_where_none_is_wanted(bench, raw):
     state, node = bench.node(StateEstimatorNode), bench.node(ParameterEstimatorNode, diagnosis_period=0.0)
     assert start(state) and start(node)

@@ -27,6 +27,7 @@ def stopped(process):
     return errors
 
 
+@pytest.mark.long
 def test_nobody_is_there(run, aircraft_file):
     with live(run, aircraft_file) as process:
         assert "no message came: the drivers or `bridge` must run" in stopped(process)

@@ -96,6 +96,7 @@ def test_the_tree_is_as_bad_as_its_worst_branch_but_a_parameter_grounds_nobody()
     assert tree([], "uav1") == [Leaf("/uav1", STALE, "nothing comes")]
 
 
+@pytest.mark.long
 def test_the_node_sums_up_its_own_namespace_alone(bench):
     node = OverviewNode(namespace="/uav1", parameter_overrides=[RosParameter("patience", value=60.0)])
     bench.nodes.append(node)

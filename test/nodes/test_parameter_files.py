@@ -41,6 +41,7 @@ def test_the_file_of_the_repository_with_changed_lines(bench, tmp_path):
     assert "active" not in said and "the parameter patienc is not one of this node: did you mean patience?" in said
 
 
+@pytest.mark.long
 def test_a_namespace_moves_every_topic_and_a_remapping_one(bench):
     rules = ["-r", "__ns:=/uav1", "-r", "state_estimator/state:=/other/state"]
     running = subprocess.Popen([*ours("nodes.overview"), "--ros-args", *rules], stderr=subprocess.DEVNULL)
@@ -53,6 +54,7 @@ def test_a_namespace_moves_every_topic_and_a_remapping_one(bench):
         running.wait(timeout=LONGEST)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("content", "words"),
     [

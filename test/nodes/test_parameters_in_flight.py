@@ -93,6 +93,7 @@ def flying(bench, raw):
     return state, parameters, given, fly
 
 
+@pytest.mark.long
 def test_a_change_in_flight_divides_it_to_the_last_bit(bench, aircraft, flying):
     """The nodes give what estimators give that are told the same between the same two samples."""
     state, parameters, given, fly = flying
@@ -132,6 +133,7 @@ def test_a_change_in_flight_divides_it_to_the_last_bit(bench, aircraft, flying):
     assert not np.array_equal(parameters.estimator.learning.least_squares.state.theta, second_step(ParameterOptions()))
 
 
+@pytest.mark.long
 def test_parameters_without_new_states_are_said_to_be_old(flying, monkeypatch):
     """Their state estimator was killed in flight: what they say is of then, and was "ok" for as long as nobody came."""
     _, parameters, _, fly = flying
@@ -142,6 +144,7 @@ def test_parameters_without_new_states_are_said_to_be_old(flying, monkeypatch):
     assert "no states for 10 s" in parameters.condition()[0]
 
 
+@pytest.mark.long
 def test_that_nothing_is_to_use_for_long_is_said_with_the_reason_of_most(flying, monkeypatch):
     """Without vanes all 32 were held for a whole flight, and /diagnostics was ok."""
     _, parameters, _, fly = flying
@@ -159,6 +162,7 @@ def test_that_nothing_is_to_use_for_long_is_said_with_the_reason_of_most(flying,
     assert parameters.condition()[0] == ""
 
 
+@pytest.mark.long
 def test_a_shorter_horizon_is_seen_in_the_states(bench, raw):
     node = bench.node(StateEstimatorNode, horizon=1.0)
     states = bench.listen(AircraftState, "state_estimator/state")
@@ -186,6 +190,7 @@ def test_a_shorter_horizon_is_seen_in_the_states(bench, raw):
     assert np.all(np.diff(stamps) > 0)
 
 
+@pytest.mark.long
 def test_searches_for_missing_effects_can_be_begun_and_ended_in_flight(bench, flying):
     _, parameters, _, fly = flying
     services = parameters.model_services
@@ -247,6 +252,7 @@ def test_inactive_a_parameter_acts_when_the_node_is_activated_again(bench, aircr
     bench.spin_until(lambda: node.count_publishers("/parameter_estimator/parameters") == 1)
 
 
+@pytest.mark.long
 def test_inactive_what_is_set_beside_a_new_configuration_waits_for_it(bench):
     """The old estimator was told of options that it cannot take, and the process ended with a traceback."""
     for kind, name, other, later in (
@@ -269,6 +275,7 @@ def test_inactive_what_is_set_beside_a_new_configuration_waits_for_it(bench):
         assert node.estimator is not first and getattr(node.estimator.options, key) == value
 
 
+@pytest.mark.long
 def test_what_is_set_while_deactivated_in_flight_and_the_gap_are_noted(bench, flying):
     state, _, _, fly = flying
     fly(0.0, 12.0)

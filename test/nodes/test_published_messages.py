@@ -232,12 +232,14 @@ def test_parameters_are_published_once_a_second_also_while_nothing_is_learnt(ben
     assert published == [10.0, 11.1, 12.3, 13.4, 3.0, 4.0]
 
 
+@pytest.mark.long
 def test_who_subscribes_later_gets_the_newest_parameters_at_once(flown, bench):
     heard = flown[2]
     late = bench.listen(Parameters, "parameter_estimator/parameters", newest_quality())
     bench.spin_until(lambda: late and stamp(late[-1]) == stamp(heard["parameters"][-1]))
 
 
+@pytest.mark.long
 def test_a_twin_and_an_input_of_another_type_are_named(bench, monkeypatch):
     """Two `live` in one namespace were "ok"; a Twist on gps/vel, which ROS does not deliver, was said of nowhere."""
     node = bench.node(StateEstimatorNode)
@@ -257,6 +259,7 @@ def test_a_twin_and_an_input_of_another_type_are_named(bench, monkeypatch):
     assert said().startswith("another") and ("and heard as geometry_msgs/msg/" in said()), said()
 
 
+@pytest.mark.long
 def test_two_programs_that_publish_the_same_inputs_are_named_while_they_do_and_after_it(bench):
     """Two recordings that were played at once made 2949 s of flight out of a minute, and nothing was said."""
     node = bench.node(StateEstimatorNode)

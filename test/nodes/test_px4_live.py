@@ -76,6 +76,7 @@ def test_a_version_that_is_not_here_is_one_sentence(px4, aircraft, tmp_path):
     assert "Traceback" not in said
 
 
+@pytest.mark.long
 def test_without_px4_msgs_it_is_one_sentence():
     bridging = subprocess.run(ours("commands.main", "bridge", "dds:"), capture_output=True, text=True, check=False)
     (line,) = bridging.stderr.splitlines()

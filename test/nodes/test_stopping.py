@@ -134,6 +134,7 @@ def test_best_effort_says_how_much_was_lost(short, aircraft_file, run, listener)
     assert any(f"{lost} of imu/data" in note for note in result["notes"])
 
 
+@pytest.mark.long
 def test_samples_that_are_lost_where_none_may_be_are_a_failure(short, aircraft_file, run, helper):
     with live(run, aircraft_file, "--reliable") as process:
         sent = publish_with_losses(helper[0], short, process)
@@ -221,6 +222,7 @@ def test_each_node_uses_and_publishes_all_that_has_come(short, aircraft_file, li
     listener.spin_until(lambda: is_newest(listener.sets, last, 200_000_000))
 
 
+@pytest.mark.long
 def test_ctrl_c_in_a_terminal_ends_both_at_once(short, aircraft_file, listener):
     """As every process of a terminal gets it, and as a launch system that passes it on gives it twice."""
     last = last_imu(short)

@@ -194,6 +194,7 @@ def test_straight_flight_tells_nothing_of_the_scale():
     assert np.sqrt(p[ERROR_SIZE, ERROR_SIZE]) > 0.19 and abs(x[STATE_SIZE]) < 0.02
 
 
+@pytest.mark.long
 def test_a_wrong_scale_is_found_in_the_wind(wrong):
     """y = 1.25 V - 0.5 is (36) with lambda = 1/1.25 - 1 = -0.2, b = 0.4; the vanes' offsets change their signs."""
     estimator, rows = flown(wrong, WITH_ERRORS)
@@ -208,6 +209,7 @@ def test_a_wrong_scale_is_found_in_the_wind(wrong):
     assert np.linalg.norm(plain[-1, StateField.WIND][:2] - [-5.0, 6.2]) > 1.0
 
 
+@pytest.mark.long
 def test_errors_outlast_a_gap(wrong):
     """The IMU is silent for 2 s: aligned anew, the scale is as before, and still known."""
     samples = wrong.samples

@@ -62,6 +62,7 @@ def flown(aircraft, sound):
     return rows, drifted(sound, since)
 
 
+@pytest.mark.long
 def test_with_the_right_drifts_the_states_are_those_of_sound_sensors(aircraft, knowing, flown):
     rows, samples = flown
     estimator, found = first_state(knowing, samples)
@@ -83,6 +84,7 @@ def second_step(aircraft, samples, size):
     return np.vstack([*found, parameters.push_states(rows, state.epoch), parameters.flush()])
 
 
+@pytest.mark.long
 def test_the_second_step_takes_them_off_the_vanes_too(aircraft, knowing, sound, flown):
     """In gusts the angles of the regressors are those of the vanes."""
     whole = second_step(aircraft, sound, len(sound))
@@ -90,6 +92,7 @@ def test_the_second_step_takes_them_off_the_vanes_too(aircraft, knowing, sound, 
     assert not np.allclose(second_step(aircraft, flown[1], len(sound)), whole, rtol=1e-3, atol=1e-4, equal_nan=True)
 
 
+@pytest.mark.long
 def test_every_block_size_gives_the_same_bits(knowing, flown):
     whole = second_step(knowing, flown[1], len(flown[1]))
     np.testing.assert_array_equal(second_step(knowing, flown[1], 37), whole)

@@ -28,6 +28,7 @@ def flown(aircraft):
     return flight, pipeline, np.vstack([rows, rest])
 
 
+@pytest.mark.long
 def test_height_and_speed_of_climb_are_true(flown):
     flight, pipeline, rows = flown
     settled = rows[rows[:, StateField.TIME] > BACK + 20.0]
@@ -39,6 +40,7 @@ def test_height_and_speed_of_climb_are_true(flown):
     assert abs(float(np.mean(climb))) < 0.05
 
 
+@pytest.mark.long
 def test_position_and_velocity_agree(flown):
     _, pipeline, _ = flown
     consistency = pipeline.state.innovation_consistency()

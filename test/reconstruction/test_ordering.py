@@ -52,6 +52,7 @@ def test_late_samples_take_their_own_place() -> None:
     assert order.counts.late.sum() == 0
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("block", [1, 7, 500, 100_000])
 def test_release_does_not_depend_on_how_samples_are_handed_over(block: int) -> None:
     samples = shuffled_arrival(2, 0.8)  # some are too late

@@ -52,6 +52,7 @@ def test_what_is_said_leaves_no_doubt_and_other_sensors_have_none(aircraft: Airc
         assert (variance_of_place(int(kind), state(), RATE, silent) > 0.0) == is_of_vanes
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("places", [True, False])
 def test_on_a_boom_that_no_file_mentions_innovations_are_as_large_as_they_may_be(
     aircraft: Aircraft, places: bool

@@ -81,6 +81,7 @@ def truth_at(flight, estimator, rows):
     return flight.truth.at(time), time
 
 
+@pytest.mark.long
 def test_angles_are_inferred_as_well_as_the_filter_says(vaneless, flight):
     pipeline, rows = vaneless
     truth, time = truth_at(flight, pipeline.state, rows)
@@ -95,6 +96,7 @@ def test_angles_are_inferred_as_well_as_the_filter_says(vaneless, flight):
         assert np.sqrt(np.mean((error / std) ** 2)) < 1.6
 
 
+@pytest.mark.long
 def test_parameters_without_vanes_are_right_or_held(vaneless, aircraft):
     """USE within 3.5 standard errors of the truth; constants of sideslip cannot be told and say why."""
     found = {p.name: p for p in vaneless[0].parameters.snapshot().parameters}
@@ -108,6 +110,7 @@ def test_parameters_without_vanes_are_right_or_held(vaneless, aircraft):
         assert found[name].status == Trust.HOLD and "sideslip, which no vane measures" in found[name].reason
 
 
+@pytest.mark.long
 def test_in_gusts_nothing_is_learnt_from_angles_that_nobody_measures(aircraft):
     """Light turbulence moves alpha by 2 deg, unseen: parameters from it would be wrong by 10 standard errors."""
     flight = simulate_samples(aircraft, seed=2, duration=60.0, turbulence="light")

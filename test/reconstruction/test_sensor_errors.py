@@ -31,6 +31,7 @@ def found(aircraft, flight):
     return of(flight.samples), of(replace(flight.samples, values=values)), of(in_gusts.samples)
 
 
+@pytest.mark.long
 def test_what_a_sensor_shows_too_much_comes_out(found):
     true, wrong, _ = found
     assert true["airspeed.scale"]["value"] == pytest.approx(1.0, abs=3.0 * true["airspeed.scale"]["std"])
@@ -41,6 +42,7 @@ def test_what_a_sensor_shows_too_much_comes_out(found):
     assert more == pytest.approx(0.02, abs=0.002)
 
 
+@pytest.mark.long
 def test_what_gusts_or_the_flight_do_not_tell_is_held(found):
     true, _, gusty = found
     assert (true["airspeed.scale"]["status"], gusty["airspeed.scale"]["status"]) == ("USE", "HOLD")

@@ -176,6 +176,7 @@ def samples(flight):
     return without_variances(flight.samples)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("scale", [pytest.param(1.0, marks=pytest.mark.long), 4.0])
 def test_the_noise_of_all_sensors_is_found_from_a_file_with_mass_and_shape(scale):
     truth = default_aircraft()
@@ -190,6 +191,7 @@ def test_the_noise_of_all_sensors_is_found_from_a_file_with_mass_and_shape(scale
     assert walk < 0.6 * DEFAULT_PROCESS_NOISE["wind"] and source == FLIGHT  # calm air: 0.03 was flown
 
 
+@pytest.mark.long
 def test_at_10_hz_it_is_found_too(flight, samples):
     keep = np.ones(len(samples), np.bool_)
     for kind, part in ((Kind.IMU, 10), (Kind.ATTITUDE, 10), *((kind, 5) for kind in AIR)):
@@ -203,6 +205,7 @@ def test_at_10_hz_it_is_found_too(flight, samples):
             assert np.all((ratio > 0.7) & (ratio < 1.7)), each.name
 
 
+@pytest.mark.long
 def test_gusts_are_found_where_they_are(flight, samples):
     state, _ = flown(bare(flight.aircraft), samples)
     calm = simulate_samples(flight.aircraft, 61, 90.0)
@@ -210,6 +213,7 @@ def test_gusts_are_found_where_they_are(flight, samples):
     assert found_wind_walk(state)[0] > 3.0 * found_wind_walk(still)[0]
 
 
+@pytest.mark.long
 def test_what_the_file_states_is_used_to_the_bit(flight, samples):
     plain = StateEstimator(flight.aircraft)
     other = StateEstimator(flight.aircraft)
@@ -230,6 +234,7 @@ def test_a_stated_noise_that_the_flight_denies_is_used_and_said(flight, samples)
     assert any("airspeed" in note and "0.03" in note for note in noise_notes(state))
 
 
+@pytest.mark.long
 def test_in_portions_of_any_size_it_is_the_same_to_the_bit(flight, samples):
     aircraft, part = bare(flight.aircraft), samples[:12000]
     _, whole = flown(aircraft, part, len(part))
@@ -272,6 +277,7 @@ def gauss_markov(time, std=3.0, constant=60.0, seed=8):
     return lfilter([1.0], [1.0, -keep], driven, axis=0)
 
 
+@pytest.mark.long
 def test_an_attitude_that_drifts_counts_for_less_and_is_not_thrown_away():
     flight = simulate_samples(default_aircraft(), 63, 180.0, sensors=SensorOptions(attitude=True))
     samples = drifting(without_variances(flight.samples), gauss_markov)

@@ -62,6 +62,7 @@ def of(aircraft: Aircraft, **controls: float) -> Aircraft:
     return aircraft_from_dict({**aircraft.source, "sensors": {"control_surfaces": controls}})
 
 
+@pytest.mark.long
 def test_the_file_of_commands_says_the_lag_and_the_parameters_are_right() -> None:
     sensors = SensorOptions(command_lag=0.05, attitude=True)
     flight = simulate_samples(default_aircraft(), 81, 60.0, sensors=sensors)

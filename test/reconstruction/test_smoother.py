@@ -107,6 +107,7 @@ def test_difference_is_the_inverse_of_retract():
         np.testing.assert_allclose(difference(retract(x, delta), x), delta, atol=1e-12)
 
 
+@pytest.mark.long
 def test_what_is_recorded_is_read_back_bit_by_bit(setup):
     x, p, step, *_ = a_step(2, setup)
     p = np.tril(p) + np.tril(p, -1).T
@@ -168,6 +169,7 @@ def test_errors_of_smoothed_states_are_as_large_as_their_standard_deviations(fli
     assert 0.6 < rms(z) < 1.3  # 18 states whose errors last for minutes, in one flight
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("flights", [3, pytest.param(8, marks=pytest.mark.long)])
 def test_nees_of_smoothed_states_over_many_flights(aircraft, flights):
     """Flights of 25 s, at 4 times of each: the whole covariance of the 18 errors at the place of the IMU.
@@ -240,6 +242,7 @@ def test_the_wind_walk_is_the_one_that_each_step_used(both):
     assert walk[0] == 1.0 and walk[-1] < 0.2 and len(np.unique(walk)) > 300
 
 
+@pytest.mark.long
 def test_a_break_splits_the_flight(flight, aircraft):
     """IMU silent for 10 s: what follows is as if there had been nothing before, and so is what came before."""
     time = (flight.samples.stamp - flight.biases.stamp[0]) * 1e-9
@@ -284,6 +287,7 @@ def test_a_full_disk_is_said_in_one_sentence(aircraft, setup):
 # -- replay -------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_parameters_from_smoothed_states_are_right(flight, aircraft):
     pipeline = Pipeline(aircraft)
     pipeline.state.tape = SmootherHistory()
@@ -299,6 +303,7 @@ def test_parameters_from_smoothed_states_are_right(flight, aircraft):
             assert p.value == pytest.approx(aircraft.coefficients[p.name], rel=0.03), p.name
 
 
+@pytest.mark.long
 def test_replay_smooth(aircraft, aircraft_file, tmp_path, capfd):
     write_flight(simulate_samples(aircraft, 3, 30.0), tmp_path / "bag", overwrite=False)
     states = {}
@@ -315,6 +320,7 @@ def test_replay_smooth(aircraft, aircraft_file, tmp_path, capfd):
     assert np.any(points["plain"]["measured"] != points["smooth"]["measured"])
 
 
+@pytest.mark.long
 def test_states_alone_are_those_with_the_covariance(aircraft):
     """Skipping the covariance changes no state, and leaves the filter's standard deviations."""
     flight = simulate_samples(aircraft, seed=3, duration=30.0, turbulence="light")

@@ -33,6 +33,7 @@ def filtered(samples: Samples, size: int) -> np.ndarray:
     return np.vstack([still.without(samples[i : i + size]).values for i in range(0, len(samples), size)])
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "kind", [Kind.AIRSPEED, Kind.ANGLE_OF_ATTACK, pytest.param(Kind.SIDESLIP, marks=pytest.mark.long)]
 )

@@ -65,6 +65,7 @@ def test_errors_are_as_large_as_the_standard_deviations_say(flight, aircraft) ->
         assert nis == pytest.approx(1.0, abs=0.15), kind  # 1200 samples or more: 4 sigma
 
 
+@pytest.mark.long
 def test_every_block_size_gives_the_same_bits(flight, aircraft) -> None:
     samples = flight.samples[:8000]
     _, expected = run(aircraft, samples, 8000)
@@ -165,6 +166,7 @@ def test_nan_samples_are_counted_and_harmless(kind, flight, aircraft) -> None:
     assert estimator.counts()[kind.name.lower()]["invalid"] == len(chosen)
 
 
+@pytest.mark.long
 def test_stamps_that_go_backwards_for_good_are_a_restart(flight, aircraft) -> None:
     """The autopilot reboots at 40 s, its clock begins anew: the filter aligns again, keeps its biases."""
     time = seconds_of_flight(flight, flight.samples)
@@ -199,6 +201,7 @@ def test_without_gps_and_airspeed_the_filter_waits_and_says_so(flight, aircraft)
     assert estimator.summary()["wind_ned"] == [None] * 3
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("turbulence", [pytest.param("light", marks=pytest.mark.long), "moderate"])
 def test_gusts_do_not_corrupt_attitude_and_biases(turbulence: str, aircraft) -> None:
     """The aircraft file promises a nearly steady wind; the filter finds out that it is not, and stays honest."""

@@ -148,12 +148,14 @@ def straight(looping, aircraft) -> dict[bool, tuple[np.ndarray, np.ndarray]]:
     return found
 
 
+@pytest.mark.long
 def test_a_magnetometer_gives_the_heading_of_straight_flight(straight) -> None:
     """Without one the heading rests on the wind, which straight flight does not tell."""
     heading = {there: np.sqrt(np.mean(error[:, :, 2] ** 2)) for there, (error, _) in straight.items()}
     assert heading[True] < 0.8 * heading[False]
 
 
+@pytest.mark.long
 def test_straight_flight_is_as_uncertain_as_it_says(straight) -> None:
     error, std = straight[False]
     assert np.sqrt(np.mean((error / std) ** 2, axis=(0, 1))).max() < 1.5

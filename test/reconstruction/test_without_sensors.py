@@ -145,6 +145,7 @@ def test_without_gps_the_wind_is_no_number_and_what_is_unknown_stays_bounded(fli
     assert np.std(height + climbed) < 0.5  # the barometer, up to a constant
 
 
+@pytest.mark.long
 def test_an_attitude_gives_the_heading_without_gps(with_attitude, aircraft):
     estimator, rows = run(aircraft, lacking(with_attitude.samples, *GPS))
     truth, time = truth_of(with_attitude, estimator, rows)
@@ -157,6 +158,7 @@ def test_an_attitude_gives_the_heading_without_gps(with_attitude, aircraft):
     assert not any("heading" in note for note in absences(estimator))
 
 
+@pytest.mark.long
 def test_without_vanes_and_gps_angles_need_an_attitude(with_attitude, flight, aircraft):
     """With it they are inferred as well as is said; without it nothing is claimed."""
     estimator, rows = run(aircraft, lacking(with_attitude.samples, *GPS, *VANES))
@@ -200,6 +202,7 @@ def since(flight, samples):
     return (samples.stamp - flight.biases.stamp[0]) * 1e-9
 
 
+@pytest.mark.long
 def test_nothing_depends_on_how_samples_come_and_nothing_is_lost_while_gps_is_waited_for(flight, aircraft):
     """GPS that is never there, and GPS that comes when it was given up: the same bits from blocks of any size."""
     time = since(flight, flight.samples)

@@ -326,6 +326,7 @@ def test_a_ulog_without_gps_time_says_so(tmp_path):
     assert len(of_kind(recording, Kind.IMU)) == COUNT
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("kind", ["ulog", "dataflash"])
 def test_inputs_that_the_calibration_names_come_out_of_a_log_by_their_names(tmp_path, kind):
     """With a process of its own, as a user does it; `check` then finds them."""

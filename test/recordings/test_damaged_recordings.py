@@ -164,6 +164,7 @@ def test_names_that_are_damaged_are_shown_on_one_line(flight, tmp_path, writer):
     assert "it holds /air\N{REPLACEMENT CHARACTER}data, /gps" in str(error.value) and "\n" not in str(error.value)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("writer", WRITERS)
 def test_a_wrong_bit_anywhere_is_never_silent(flight, tmp_path, writer):
     """Also in summary, footer, indexes, schemas, channels and metadata.yaml; without a traceback or a hang."""
@@ -173,6 +174,7 @@ def test_a_wrong_bit_anywhere_is_never_silent(flight, tmp_path, writer):
     assert {"said", "same"} <= set(verdicts.values()), "the flips hit nothing, or the same file is not read the same"
 
 
+@pytest.mark.long
 def test_a_wrong_bit_in_a_recording_of_ours_is_always_said(flight):
     """Every byte of the file is under a checksum."""
     whole = read_recording(flight)
@@ -183,6 +185,7 @@ def test_a_wrong_bit_in_a_recording_of_ours_is_always_said(flight):
         assert after_flip(flight, file, bit, whole) in ("said", "refused"), bit
 
 
+@pytest.mark.long
 def test_a_wrong_bit_in_a_first_message_does_not_decide_for_its_topic(flight, tmp_path):
     """The layout of all is read off the first: its lengths of texts are not to be trusted."""
     path = tmp_path / "bag"
@@ -228,6 +231,7 @@ def test_a_wrong_length_without_checksums_costs_its_message_and_not_those_behind
         flip(file, bit)
 
 
+@pytest.mark.long
 def test_a_length_that_leaps_over_thousands_of_messages_costs_one_or_two(tmp_path):
     """Where it lands, bytes may look like a record of an unknown kind: that is no proof of the leap."""
     write_with_rosbags(write_flight(tmp_path / "flight", n=3000), tmp_path / "bag", "MCAP", "NONE")

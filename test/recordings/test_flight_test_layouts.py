@@ -74,6 +74,7 @@ def with_all(text):
     return re.sub(r"(?m)^( +)# (\w[\w.]*: \{(?:column|expression))", r"\1\2", text)
 
 
+@pytest.mark.long
 def test_a_structure_for_each_signal_needs_one_correction(flown, tmp_path, capsys):
     source = business_jet(flown, tmp_path)
     said, out = guessed(source, tmp_path, capsys)
@@ -98,6 +99,7 @@ def test_a_structure_for_each_signal_needs_one_correction(flown, tmp_path, capsy
     assert recording.unnamed == ("elevator_trim",)
 
 
+@pytest.mark.long
 def test_accelerations_without_gravity_become_forces_by_the_expressions_of_the_docs(flown, tmp_path, capsys):
     source = business_jet(flown, tmp_path, gravity=False)
     said, out = guessed(source, tmp_path, capsys)
@@ -132,6 +134,7 @@ def test_the_same_structure_of_matlab_7_3(flown, tmp_path, capsys):
     assert len(said) == 17 and said["specific_force.z"][:2] == ("sure", -1)
 
 
+@pytest.mark.long
 def test_columns_without_names_whose_time_restarts_are_manoeuvres(flown, tmp_path, capsys, aircraft_file):
     source = ascii_manoeuvres(flown, tmp_path, starts=[4.0, 20.0, 36.0, 52.0, 68.0, 84.0])
     said, out = guessed(source, tmp_path, capsys)
@@ -168,6 +171,7 @@ def test_a_time_that_goes_back_without_a_word_is_refused_with_the_way_out(flown,
     assert "have no names, their numbers stand for them: list the names, one a line, in a text file beside it" in out
 
 
+@pytest.mark.long
 def test_a_sheet_for_each_manoeuvre_is_one_body_of_data(flown, tmp_path, capsys):
     starts = [4.0 + 8.0 * i for i in range(11)]
     said, _ = guessed(sheet_per_manoeuvre(flown, tmp_path, starts), tmp_path, capsys)
@@ -235,6 +239,7 @@ def test_a_clock_that_shows_the_second_of_the_minute_is_no_row_of_manoeuvres(flo
     assert "its column 'sec' goes back at data row 1201" in said and "restarts: true" in said
 
 
+@pytest.mark.long
 def test_semicolons_decimal_commas_and_a_zone_need_no_correction(flown, tmp_path, capsys):
     source = semicolons(flown, tmp_path)
     said, _ = guessed(source, tmp_path, capsys)

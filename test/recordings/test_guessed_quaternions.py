@@ -25,7 +25,7 @@ WAYS = {
 def table(flight, folder, names, quaternion, gyros=True, with_roll=False):
     """A table of a flight in SI; returns its path, the times and the quaternions that are in it."""
     truth = flight.truth
-    rows = np.arange(100, len(truth.time), max(1, round(0.02 / np.median(np.diff(truth.time)))))
+    rows = np.arange(100, len(truth.time) // 2, max(1, round(0.04 / np.median(np.diff(truth.time)))))
     columns = {
         **{f"a{axis}_mps2": truth.specific_force[rows, i] for i, axis in enumerate("xyz")},
         **{f"{axis}_rps": truth.rates[rows, i] for i, axis in enumerate("pqr") if gyros},

@@ -39,6 +39,7 @@ def active(path):
     return {line.signal: (line.column, line.unit, line.sign) for part in parts for line in part.lines if line.active}
 
 
+@pytest.mark.long
 def test_scrambled_layouts_are_never_wrong_and_mostly_right(monkeypatch):
     """A few layouts of benchmarks/import_guess.py, which judges 50 others, of more aeroplanes."""
     monkeypatch.setattr(import_guess, "AEROPLANES", ("ultra_stick_25e",))
@@ -50,6 +51,7 @@ def test_scrambled_layouts_are_never_wrong_and_mostly_right(monkeypatch):
     assert total["right"] >= 0.95 * sum(total.values())
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", [2047, pytest.param(3044, marks=pytest.mark.long)])
 def test_a_law_that_lacks_a_part_or_has_lost_it_in_noise_tells_no_sign(seed):
     """a_y came out backwards: without a vane d beta/dt was left out, or noise hid it and a_y took its place."""
@@ -58,6 +60,7 @@ def test_a_law_that_lacks_a_part_or_has_lost_it_in_noise_tells_no_sign(seed):
     assert len(verdicts["right"]) >= 20
 
 
+@pytest.mark.long
 def test_a_flight_test_csv_without_units_is_understood_by_its_physics(flown, tmp_path):
     """The columns of the known layout, without what its header says of units; Nz up, elevator up, climb in ft/min."""
     path, _ = layouts.flight_test_csv(flown, tmp_path)
@@ -97,6 +100,7 @@ def lines_with(flight, folder, signs, without=(), late=0.0):
     return {line.column: line for part in guess_map(folder / "flight.csv").parts for line in part.lines}
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_either_law_tells_which_way_a_lateral_acceleration_counts(flight, tmp_path, sign):
     """d beta/dt, r, bank and f_y / V make up a whole; so do the acceleration over ground and gravity."""
@@ -199,6 +203,7 @@ def test_a_remark_above_the_names_with_fewer_cells_is_no_header(tmp_path):
     assert {line.column for line in part.lines} == {"alpha_vane", "beta_vane"}
 
 
+@pytest.mark.long
 def test_what_is_said_of_each_line_is_in_the_map_and_the_map_is_read_again(flown, tmp_path, capsys):
     path, _ = layouts.flight_test_csv(flown, tmp_path)
     assert main(["import", str(path), "--guess", str(tmp_path / "map.yaml")]) == 0
@@ -215,6 +220,7 @@ def test_what_is_said_of_each_line_is_in_the_map_and_the_map_is_read_again(flown
     np.testing.assert_allclose(imu.values[:, :3], flown.force, atol=1e-8)
 
 
+@pytest.mark.long
 def test_a_folder_of_ulog2csv_needs_no_correction(flown, tmp_path):
     folder, right = layouts.ulog2csv_folder(flown, tmp_path)
     guessed, mapped = (
@@ -234,6 +240,7 @@ def test_a_folder_of_rostopic_needs_one_correction(flown, tmp_path):
     assert {name for *_, name in guessed ^ mapped} == {"indicated_airspeed", "true_airspeed"}
 
 
+@pytest.mark.long
 def test_a_real_flight_of_px4_as_csv_needs_no_correction(shared_data, tmp_path):
     """mit_seaway: the signals of its notes, each with the unit and the axes of its notes."""
     path = tmp_path / "map.yaml"
@@ -266,6 +273,7 @@ def test_a_real_flight_of_px4_as_csv_needs_no_correction(shared_data, tmp_path):
     }
 
 
+@pytest.mark.long
 def test_thor_from_a_csv_of_itself(shared_data, tmp_path):
     """The columns of the .mat in a CSV: what is guessed agrees with the import that knows the flight."""
     content = loadmat(shared_data / "umn_thor_flight75" / "flight75.mat", squeeze_me=True, struct_as_record=False)
@@ -353,6 +361,7 @@ def test_names_that_are_no_measurement_of_ours(column):
     assert guess_name(column) is None
 
 
+@pytest.mark.long
 def test_an_acceleration_without_gravity_is_left_to_the_user(flown, tmp_path):
     path, _ = layouts.flight_test_csv(flown, tmp_path)
     lines = path.read_text().splitlines()
@@ -368,6 +377,7 @@ def test_an_acceleration_without_gravity_is_left_to_the_user(flown, tmp_path):
     assert not {"specific_force.x", "specific_force.y", "specific_force.z"} & active(path).keys()
 
 
+@pytest.mark.long
 def test_a_guess_does_not_overwrite_and_needs_a_table(flown, tmp_path, capsys):
     path, _ = layouts.flight_test_csv(flown, tmp_path)
     (tmp_path / "map.yaml").write_text("mine")

@@ -369,6 +369,7 @@ def saved_with_wrong_bit(path, place, bit):
     path.write_bytes(content)
 
 
+@pytest.mark.long
 def test_a_wrong_bit_on_which_scipy_crashes_is_a_sentence(tmp_path):
     said = []
     for place, bit in ((817, 64), (760, 16), (1001, 1), (756, 4), (740, 8), (561, 1)):

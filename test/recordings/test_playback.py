@@ -126,6 +126,7 @@ def ros(domain):
     rclpy.shutdown(context=context)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("reliability", ["reliable", "best_effort"])
 def test_a_subscriber_gets_every_message_with_its_stamp_in_order(ros, flight, reliability):
     from aircraft_sysid_msgs.msg import AirData
@@ -160,6 +161,7 @@ def test_a_subscriber_gets_every_message_with_its_stamp_in_order(ros, flight, re
     assert len(times) == 20 and np.array_equal(times, START + np.arange(20) * SECOND // 10)
 
 
+@pytest.mark.long
 def test_without_subscribers_it_plays_after_the_wait(domain, flight):
     pytest.importorskip("rclpy")
     result = play(flight, "--rate", 0, "--wait", 0.2, "--json", "--best-effort", "--topics", "air_data")
@@ -169,6 +171,8 @@ def test_without_subscribers_it_plays_after_the_wait(domain, flight):
     assert document["subscribers"] == {"/air_data": 0}
 
 
+@pytest.mark.long
+@pytest.mark.long_after_the_first
 @pytest.mark.parametrize(
     ("arguments", "text"),
     [
@@ -189,6 +193,7 @@ def test_bad_input_is_one_line_and_status_2(domain, flight, arguments, text):
     assert text in result.stderr
 
 
+@pytest.mark.long
 def test_the_module_itself_needs_no_ros():
     code = "import sys, aircraft_sysid_ros.commands.play; sys.exit('rclpy' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
@@ -286,6 +291,7 @@ print(time.monotonic() - started)
 """
 
 
+@pytest.mark.long
 def test_what_subscribers_have_is_known_soon(domain, tmp_path):
     """Each second of a recording waits for it, and by default the middleware asks every three seconds only."""
     pytest.importorskip("rclpy")

@@ -141,6 +141,7 @@ BAD_MAPS = [
 ]
 
 
+@pytest.mark.long_after_the_first
 @pytest.mark.parametrize(("now", "then", "sentence"), BAD_MAPS, ids=[sentence for *_, sentence in BAD_MAPS])
 def test_a_bad_map_is_refused_with_the_line(now, then, sentence):
     assert now in MAP

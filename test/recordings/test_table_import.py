@@ -70,6 +70,7 @@ LAYOUTS = [
 ]
 
 
+@pytest.mark.long_after_the_first
 @pytest.mark.parametrize(("layout", "kinds", "rounding"), LAYOUTS, ids=[each[0].__name__ for each in LAYOUTS])
 def test_a_layout_of_others_gives_the_samples_of_the_flight(flown, tmp_path, layout, kinds, rounding):
     report, samples, _ = imported(*layout(flown, tmp_path), tmp_path)
@@ -94,6 +95,7 @@ def test_a_table_of_every_second_sample_has_those(flown, tmp_path):
     )
 
 
+@pytest.mark.long
 def test_what_has_no_topic_of_its_own_is_carried_by_name(flown, tmp_path):
     report, _, _ = imported(*layouts.excel_book(flown, tmp_path), tmp_path)
     tab = read_table(tmp_path / "bag", "inputs").fields
@@ -103,6 +105,7 @@ def test_what_has_no_topic_of_its_own_is_carried_by_name(flown, tmp_path):
     assert report["topics"]["inputs"]["messages"] == len(found)
 
 
+@pytest.mark.long
 def test_slow_columns_that_are_held_give_their_own_samples(flown, tmp_path):
     """A table in which everything stands until it is measured again: GPS of 5 Hz among rows of all sensors."""
     source, text = layouts.excel_book(flown, tmp_path)

@@ -39,6 +39,7 @@ def test_the_lag_that_the_flight_shows_is_taken_and_said(run):
     assert with_late_surfaces(data, {}) == (data, [])
 
 
+@pytest.mark.long
 def test_compare_export_and_gains_say_it(run, tmp_path, capsys):
     def told_by(*words):
         assert main([*map(str, words), "--json"]) == 0
@@ -63,6 +64,7 @@ def test_what_is_refined_is_right(run):
     assert any("a lag of 0.0" in note for note in result["notes"])
 
 
+@pytest.mark.long
 def test_who_says_another_lag_than_the_flight_has_is_told(run, tmp_path):
     """Of a lag of 0.06 s: none, a third, what is there, and twice as much."""
     shape = open_run(run).root.source

@@ -48,6 +48,7 @@ def test_output_error_in_still_air(still, still_flight):
     assert np.all(np.abs(biases - true) < 4.0 * std)
 
 
+@pytest.mark.long
 def test_filter_error_in_turbulence_finds_gusts_and_noise(gusty, gusty_flight):
     z = scores(gusty, gusty_flight.aircraft)
     assert gusty.content["converged"]
@@ -74,6 +75,7 @@ def test_filter_error_beats_output_error_in_turbulence(gusty, gusty_run, gusty_f
     assert error(gusty) < 0.5 * error(plain)
 
 
+@pytest.mark.long
 def test_the_content_says_what_it_holds(still, still_flight):
     content = still.content
     assert [p["name"] for p in content["parameters"]] == list(still_flight.aircraft.model.parameter_names)
@@ -96,6 +98,7 @@ def without(run, kind, columns=None):
     return replace(run, samples=replace(run.samples, values=values))
 
 
+@pytest.mark.long
 def test_a_parameter_whose_signal_is_not_measured_is_held(still_run):
     run = without(still_run, Kind.CONTROLS, [5])
     content = refine(run, OUTPUT_ERROR, replace(OPTIONS, maximum_iterations=0)).content
@@ -108,6 +111,7 @@ def test_a_parameter_whose_signal_is_not_measured_is_held(still_run):
     assert any(p["reason"].startswith("it did not converge") for p in content["parameters"])
 
 
+@pytest.mark.long
 def test_what_the_flight_does_not_tell_is_not_moved(still_run):
     """Rudder recorded as it is at rest: nothing depends on it."""
     values = still_run.samples.values.copy()
@@ -140,6 +144,7 @@ def test_bad_runs_are_refused(still_run):
         refine(replace(still_run, samples=heavier), OUTPUT_ERROR, OPTIONS)
 
 
+@pytest.mark.long
 def test_what_equation_error_of_the_same_flight_contradicts_is_not_to_be_used(still_run, still):
     model = still_run.aircraft.model
     record = record_of(still_run.aircraft, still_run.samples, OPTIONS.rate)

@@ -25,6 +25,7 @@ def truth_at(flight, record, shift=0.0):
     return flight.truth.at((record.stamp - begin) * 1e-9 + shift)
 
 
+@pytest.mark.long
 def test_outputs_are_those_of_the_truth_at_the_grid(still_flight, record):
     """Means over the flight: any delay of 2 ms, or a sample put at a wrong time, would stand out of the noise."""
     inside = slice(100, -100)
@@ -46,6 +47,7 @@ def test_outputs_are_those_of_the_truth_at_the_grid(still_flight, record):
     assert not record.measured[12:15].any()  # neither attitude nor magnetometer in this flight
 
 
+@pytest.mark.long
 def test_inputs_are_those_of_the_truth_at_both_ends_and_in_the_middle(still_flight, record):
     inside, surfaces = slice(100, -100), slice(0, 3)
     truth, middle = truth_at(still_flight, record), truth_at(still_flight, record, -0.01)
@@ -99,6 +101,7 @@ def test_segments_cover_the_flight_and_do_not_cross_gaps(record):
     assert isinstance(pieces[0], Segment)
 
 
+@pytest.mark.long
 def test_magnetometer_and_attitude_become_rotation_vectors(aircraft):
     from aircraft_sysid_ros.sensors.sensor_models import SensorOptions
     from aircraft_sysid_ros.simulation.simulated_flight import simulate_samples

@@ -31,6 +31,7 @@ def samples() -> Samples:
     return fast_flight(SEED, 40.0).samples
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("rate", "lost"),
     [(10.0, 0.1), (33.0, 0.0), *(pytest.param(*s, marks=pytest.mark.long) for s in ((10.0, 0.0), (25.0, 0.1)))],
@@ -55,6 +56,7 @@ def test_the_grid_is_dense_and_the_imu_stands_at_its_own_times(samples: Samples,
     assert sum(p.part.stop - p.part.start for p in pieces) * record.step > 0.6 * 40.0
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("method", "slow", "largest"),
     [
@@ -85,6 +87,7 @@ def test_slow_controls_widen_the_standard_errors(run, samples: Samples) -> None:
     assert min(p["std"] / abs(p["value"]) for p in fast["parameters"] if p["std"]) < 0.01
 
 
+@pytest.mark.long_after_the_first
 @pytest.mark.parametrize(
     ("rate", "controls", "words"),
     [

@@ -50,6 +50,7 @@ def short_flight(aircraft, seconds=20.0, wind=None, effects=(), rate=400.0):
     return setup, fly(setup, flight_plan(time, setup.excitation), air)
 
 
+@pytest.mark.long
 def test_the_motion_has_the_coefficients_of_the_aircraft_file(aircraft, flight, measured_coefficients):
     truth = flight.truth[::20]
     expected = aircraft.model.coefficients(aircraft.coefficients, signals_of(aircraft, truth))
@@ -75,6 +76,7 @@ def test_an_effect_adds_its_term_and_nothing_else(aircraft):
     np.testing.assert_allclose(np.delete(difference, 2, axis=1), 0.0, atol=1e-12)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("gust", [0.0, 1.0])
 def test_terms_in_flow_rates_act_at_once_and_do_not_see_gusts(aircraft, gust):
     """The force depends on alpha_dot and alpha_dot on the force: both must hold at the same instant."""
@@ -108,6 +110,7 @@ def test_terms_in_flow_rates_act_at_once_and_do_not_see_gusts(aircraft, gust):
         assert np.median(np.abs(error)) < (1e-3 if gust == 0.0 else 0.03) * np.median(np.abs(part))
 
 
+@pytest.mark.long
 def test_a_lag_in_the_aerodynamics_is_a_state_of_the_motion(aircraft):
     """The simulator integrates it with the rest; along its flight it is the exact solution for the angle of attack."""
     text, flow = "lag(0.5-0.5*tanh((alpha-alpha_dot)/0.05),0.3)", Effect("Cm", "alpha_dot", -1e-9)
@@ -153,6 +156,7 @@ def test_flow_rates_are_derivatives_of_the_flow_angles():
     np.testing.assert_allclose(flow_rates(velocity, change), (angles(step) - angles(-step)) / (2 * step), rtol=1e-7)
 
 
+@pytest.mark.long
 def test_position_velocity_attitude_and_forces_belong_together(flight):
     truth = flight.truth
     step = truth.time[1] - truth.time[0]

@@ -52,6 +52,7 @@ def test_every_effect_of_the_library_can_be_hidden_but_two():
     assert all(set(plans_of(name)) <= set(PLANS) for name in SIMULATED)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "name",
     [
@@ -80,6 +81,7 @@ def test_the_same_seed_is_the_same_flight_and_strength_scales_the_truth(aircraft
             assert 30.0 <= full.inner["t0"] <= 70.0
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "name", ["control_damage", "alpha_scale", "airspeed_drift", "air_data_lag", "mass_change", "imu_offset"]
 )
@@ -100,6 +102,7 @@ def test_mass_and_centre_of_gravity_change_at_their_time():
     np.testing.assert_allclose(ratio[late], 1.0 / flight.hidden[0].mass_factor, rtol=1e-9)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("name", "field"),
     [
@@ -125,6 +128,7 @@ def test_a_drift_grows_from_nothing(clean, name, field):
         np.testing.assert_allclose(more, rate * time, atol=1e-4)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("name", "field"),
     [("alpha_offset", "angle_of_attack"), pytest.param("beta_offset", "sideslip", marks=pytest.mark.long)],
@@ -176,18 +180,21 @@ def test_a_scale_in_the_file_undoes_that_of_the_sensor():
     assert errors[1] < 0.5 * errors[0]
 
 
+@pytest.mark.long
 def test_a_scale_of_one_changes_nothing(clean):
     sensors = {name: replace(sensor, scale=1.0) for name, sensor in clean.aircraft.sensors.items()}
     rows = [StateEstimator(a).push(clean.samples) for a in (clean.aircraft, replace(clean.aircraft, sensors=sensors))]
     np.testing.assert_array_equal(*rows)
 
 
+@pytest.mark.long
 def test_low_passes_come_near_the_ground_and_stay_above_it():
     flight = hidden_flight(effect="ground_effect", seed=1, duration=80.0)
     assert 0.0 < flight.truth.height.min() < 0.5 * flight.aircraft.span
     assert np.mean(flight.truth.height < flight.aircraft.span) > 0.03
 
 
+@pytest.mark.long_after_the_first
 @pytest.mark.parametrize("manoeuvres", PLANS)
 def test_every_kind_of_flight_shows_what_it_is_for(manoeuvres):
     truth = hidden_flight(seed=5, duration=80.0, manoeuvres=manoeuvres).truth

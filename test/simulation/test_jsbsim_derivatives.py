@@ -96,6 +96,7 @@ def test_the_textbook_parameters_have_the_value_and_the_slope_at_the_condition()
     np.testing.assert_allclose(slope[[0, 2, 4]], slopes.jacobian[0, [0, 2, 4]], rtol=1e-6)
 
 
+@pytest.mark.long
 def test_the_projection_of_a_model_on_itself_is_the_model(found):
     flight, _, truth = found
     model, signals = flight.aircraft.model, signals_of(flight.aircraft, flight.truth)
@@ -105,6 +106,7 @@ def test_the_projection_of_a_model_on_itself_is_the_model(found):
     assert max(nrmse.values()) < 1e-9
 
 
+@pytest.mark.long
 def test_estimates_are_near_the_best_that_the_model_can_do(found):
     _, parameters, truth = found
     for name, tolerance in TOLERANCE.items():
@@ -113,6 +115,7 @@ def test_estimates_are_near_the_best_that_the_model_can_do(found):
     assert np.mean(inside) >= 0.9  # of 32; C_X of the J3Cub is by a quarter not what its terms can say
 
 
+@pytest.mark.long
 def test_estimates_of_constant_derivatives_are_those_of_the_file(found):
     """Roll and yaw of both aeroplanes are nearly linear: there the file itself is the truth."""
     _, parameters, truth = found
@@ -146,6 +149,7 @@ def test_aircraft_files_hold_the_aeroplanes_of_jsbsim(name):
     assert set(textbook_model().parameter_names) < set(file.model.parameter_names)
 
 
+@pytest.mark.long
 def test_the_truth_beside_a_recording_holds_both(tmp_path):
     flight = simulate_jsbsim_samples("c182", seed=1, duration=20.0)
     write_flight(flight, tmp_path / "bag")

@@ -81,6 +81,7 @@ def test_jsbsim_works_out_the_same_numbers():
         assert np.median(error) < 0.02 * np.std(wanted) + 1e-9, term
 
 
+@pytest.mark.long
 def test_a_steady_wind_is_no_effect():
     """JSBSim's own derivative of alpha, of the inertial velocity, has a roll in a crosswind change C_m."""
     flight = hidden_flight(NAME, None, seed=16500, duration=60.0, manoeuvres="standard")
@@ -91,6 +92,7 @@ def test_a_steady_wind_is_no_effect():
     assert misfit(flight, more)[m] > 0.9 * misfit(flight, model)[m]
 
 
+@pytest.mark.long
 def test_mass_changes_at_its_time():
     flight = hidden_flight(NAME, "mass_change", seed=1, duration=30.0)
     ratio = flight.apparent_coefficients[:, 2] / flight.truth.coefficients[:, 2]
@@ -100,6 +102,7 @@ def test_mass_changes_at_its_time():
     np.testing.assert_allclose(ratio[after], 1.0 / flight.hidden[0].mass_factor, rtol=1e-3)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "effect",
     [
@@ -116,6 +119,7 @@ def test_the_oracle_explains_what_the_user_cannot(effect):
     assert np.min(after / before) < 0.7
 
 
+@pytest.mark.long
 def test_an_effect_of_its_own_is_hidden_by_leaving_it_out():
     flight = hidden_flight(NAME, "propeller_gyroscopic", seed=2, duration=20.0)
     assert flight.hidden[0].terms == () and flight.hidden[0].native
@@ -124,11 +128,13 @@ def test_an_effect_of_its_own_is_hidden_by_leaving_it_out():
         assert text not in flight.aircraft.model.terms[axis] and text in flight.oracle.model.terms[axis]
 
 
+@pytest.mark.long
 def test_a_plain_file_has_the_32_terms():
     flight = hidden_flight(NAME, seed=2, duration=20.0, plain=True)
     assert flight.aircraft.model.terms == TEXTBOOK_TERMS and flight.hidden == ()
 
 
+@pytest.mark.long
 def test_what_an_aeroplane_cannot_show_is_said():
     with pytest.raises(InputError, match="flaps cannot be seen in flights of the JSBSim aircraft J3Cub"):
         hidden_flight("J3Cub", "flaps", duration=20.0)

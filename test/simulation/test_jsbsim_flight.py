@@ -37,6 +37,7 @@ def test_aeroplanes_trim_and_answer_their_controls(name):
     assert setup.slopes.pitch_control * setup.autopilot.pitch_gain > 0.0
 
 
+@pytest.mark.long
 def test_moments_of_the_motion_are_those_that_jsbsim_reports(flight, measured_coefficients):
     """Inertia, rates and accelerations in our axes give back the moments behind the coefficients."""
     aircraft, truth = flight.aircraft, flight.truth[::10]
@@ -46,6 +47,7 @@ def test_moments_of_the_motion_are_those_that_jsbsim_reports(flight, measured_co
     assert np.all(error[:, 3:].std(axis=0) < 0.02 * truth.coefficients[:, 3:].std(axis=0))
 
 
+@pytest.mark.long
 def test_forces_are_the_curvature_of_the_way(flight):
     truth = flight.truth
     step = truth.time[1] - truth.time[0]

@@ -102,6 +102,7 @@ def test_two_cycles_have_opposite_signs(aircraft):
     assert np.corrcoef(aileron[:half], aileron[half:])[0, 1] < -0.95
 
 
+@pytest.mark.long_after_the_first
 @pytest.mark.parametrize(
     ("seconds", "turbulence", "seeds"),
     [
@@ -122,6 +123,7 @@ def test_flights_stay_where_the_model_holds(aircraft, seconds, turbulence, seeds
         assert truth.height.max() < 250.0
 
 
+@pytest.mark.long
 def test_every_parameter_can_be_told_from_the_others(aircraft, flight):
     """No regressor is nearly a combination of those beside it, and noise of the sensors does not hide it."""
     truth = flight.truth[::8]

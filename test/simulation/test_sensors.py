@@ -51,6 +51,7 @@ def of_kind(samples, kind):
     return (samples.stamp[rows] - EPOCH) / NANOSECONDS, samples.values[rows]
 
 
+@pytest.mark.long
 def test_errors_are_bias_and_noise_of_the_stated_size(aircraft, flight):
     time, values = of_kind(flight.samples, Kind.IMU)
     truth = flight.truth.at(time)
@@ -69,6 +70,7 @@ def test_errors_are_bias_and_noise_of_the_stated_size(aircraft, flight):
     np.testing.assert_allclose(values[:, 6:8] ** 0.5, np.tile([0.03, 0.002], (len(values), 1)))
 
 
+@pytest.mark.long
 def test_biases_differ_by_seed_and_walk_with_the_process_noise(aircraft, flight):
     drawn = [measure(aircraft, flight.truth[:400], seed, SensorOptions())[1] for seed in range(300)]
     assert np.std([b.accelerometer[0] for b in drawn]) == pytest.approx(0.15, rel=0.08)
@@ -107,6 +109,7 @@ def test_rates_are_those_of_the_file_and_phases_differ(aircraft, flight):
     assert len(starts) == 4  # both GPS messages belong together
 
 
+@pytest.mark.long
 def test_the_accelerometer_reads_the_acceleration_of_its_place(flight, still, exact):
     """Twice the derivative of the way of the IMU through space, less gravity."""
     time, values = of_kind(exact, Kind.IMU)
@@ -126,6 +129,7 @@ def test_the_accelerometer_reads_the_acceleration_of_its_place(flight, still, ex
     np.testing.assert_allclose(values[:, :3], specific_force_at(truth.at(time), still.imu_position), atol=1e-12)
 
 
+@pytest.mark.long
 def test_a_sample_shows_what_was_true_one_delay_before(aircraft, flight):
     source = dict(aircraft.source)
     source["sensors"] = {
@@ -222,6 +226,7 @@ def test_without_transport_messages_arrive_as_they_are_stamped(aircraft, flight)
     assert np.all(np.diff(arrived(streams).stamp) >= 0)
 
 
+@pytest.mark.long
 def test_the_same_seed_gives_the_same_bits_and_another_does_not(aircraft):
     first, again, other = (simulate_samples(aircraft, seed, 30.0, turbulence="light") for seed in (5, 5, 6))
     for name in ("stamp", "kind", "values"):

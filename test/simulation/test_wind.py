@@ -23,11 +23,13 @@ def gusts():
     return dryden_gusts(np.random.default_rng(1), 360_000, STEP, AIRSPEED, GUSTS)
 
 
+@pytest.mark.long
 def test_gusts_have_the_stated_standard_deviation(gusts):
     np.testing.assert_allclose(gusts.std(axis=0), GUSTS.sigma, rtol=0.05)
     np.testing.assert_allclose(gusts.mean(axis=0), 0.0, atol=0.1)
 
 
+@pytest.mark.long
 def test_gusts_begin_in_their_stationary_distribution():
     starts = np.array([dryden_gusts(np.random.default_rng(s), 2, STEP, AIRSPEED, GUSTS)[0] for s in range(1500)])
     np.testing.assert_allclose(starts.std(axis=0), GUSTS.sigma, rtol=0.08)
@@ -44,6 +46,7 @@ def test_gusts_have_the_correlation_of_dryden(gusts):
             assert actual == pytest.approx(expected, abs=0.04)
 
 
+@pytest.mark.long
 def test_gusts_do_not_depend_on_the_step_of_the_simulation():
     """Exact discretisation: sampled ten times as often, differences over a time are as large."""
     fine = dryden_gusts(np.random.default_rng(2), 400_000, 0.005, AIRSPEED, GUSTS)
@@ -71,6 +74,7 @@ def test_turbulence_near_the_ground_is_flat_and_short():
     assert low_altitude_turbulence(0.0, 10.0) == low_altitude_turbulence(10.0 * FEET, 10.0)
 
 
+@pytest.mark.long
 def test_the_walk_grows_with_the_root_of_time_and_returns_downwards():
     ends = np.array([random_walk(np.random.default_rng(s), 2401, 0.1, 0.1)[[600, 2400]] for s in range(800)])
     np.testing.assert_allclose(ends[:, 0, :2].std(axis=0), 0.1 * np.sqrt(60.0), rtol=0.08)

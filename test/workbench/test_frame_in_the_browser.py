@@ -24,6 +24,7 @@ def page(server, open_page):
     return open_page(f"{address}?run={name}")
 
 
+@pytest.mark.long
 def test_the_side_stands_below_the_header_and_its_notice(page) -> None:
     page.evaluate("""() => {
         const more = document.createElement('div');  // as high as a long notice, and the server does not take it away
@@ -39,6 +40,7 @@ def test_the_side_stands_below_the_header_and_its_notice(page) -> None:
     }""")
 
 
+@pytest.mark.long
 def test_arrow_keys_move_the_window_after_a_tab_was_clicked_and_a_plot_pressed(page) -> None:
     page.click(marked("tab-model"))
     box = page.locator(marked("plot-CX") + " .draglayer").first.bounding_box()
@@ -53,6 +55,7 @@ def test_arrow_keys_move_the_window_after_a_tab_was_clicked_and_a_plot_pressed(p
     page.wait_for_function(f"(before) => {begin} > before + 1", arg=before)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("slower", [1, 20])
 def test_legends_stay_above_their_plot_when_the_window_grows(server, open_page, slower) -> None:
     address, name = server
@@ -72,6 +75,7 @@ def test_legends_stay_above_their_plot_when_the_window_grows(server, open_page, 
     assert len(found) > 3 and None not in found and max(found) <= 2.0
 
 
+@pytest.mark.long
 def test_a_page_follows_the_system_until_somebody_chooses(server, open_page) -> None:
     address, name = server
     page = open_page(f"{address}?run={name}", color_scheme="light")
@@ -87,6 +91,7 @@ def test_a_page_follows_the_system_until_somebody_chooses(server, open_page) -> 
     assert page.locator("body.body--light").count() == 1
 
 
+@pytest.mark.long
 def test_a_long_name_leaves_the_other_columns_in_sight(server, open_page) -> None:
     address, name = server
     page = open_page(address, plots=0)

@@ -17,6 +17,7 @@ def server(hidden_effect, tmp_path_factory, served):
         yield address
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("label", ["axis", "across"])
 def test_a_menu_is_as_wide_as_its_field_or_what_it_holds(server, open_page, label) -> None:
     page = open_page(server)
@@ -30,6 +31,7 @@ def test_a_menu_is_as_wide_as_its_field_or_what_it_holds(server, open_page, labe
     assert page.locator(marked("map")).is_visible()
 
 
+@pytest.mark.long
 def test_lines_of_residuals_are_named(server, open_page) -> None:
     page = open_page(server)
     page.click(marked("tab-residuals"))
@@ -43,6 +45,7 @@ def test_lines_of_residuals_are_named(server, open_page) -> None:
     assert len(keys) == len({*keys}) == 3 and drawn.count("#d55e00") == 1 and "rgb(213, 94, 0)" in keys
 
 
+@pytest.mark.long
 def test_a_button_without_anything_to_add_says_so(server, open_page) -> None:
     page = open_page(server)
     page.click(marked("side-add"))
@@ -58,6 +61,7 @@ def test_a_button_without_anything_to_add_says_so(server, open_page) -> None:
     page.wait_for_function(is_silent, arg=marked("no-effect"))
 
 
+@pytest.mark.long
 def test_an_address_that_is_none_leads_back(server, chromium) -> None:
     page = chromium.new_page()
     answer = page.goto(server + "<b>nobody</b>/here?run=x")
@@ -68,6 +72,7 @@ def test_an_address_that_is_none_leads_back(server, chromium) -> None:
     page.close()
 
 
+@pytest.mark.long
 def test_a_figure_that_is_saved_says_what_it_is(server, open_page) -> None:
     page = open_page(server, color_scheme="dark")
     page.wait_for_selector("body.body--dark")
@@ -85,6 +90,7 @@ def test_a_figure_that_is_saved_says_what_it_is(server, open_page) -> None:
     assert page.evaluate("document.querySelector('[data-testid=plot-Cl]').layout.title") is None
 
 
+@pytest.mark.long
 def test_a_figure_is_read_and_zoomed_by_a_finger_and_the_page_still_moves(server, open_page) -> None:
     page = open_page(server, width=390, height=844, has_touch=True, is_mobile=True)
     plot = page.locator(marked("plot-CX"))
@@ -123,6 +129,7 @@ TABLES = """[...document.querySelectorAll('.of-table')].filter((e) => e.offsetPa
 RIGHT = "(s) => [...document.querySelectorAll(s)].map((e) => e.getBoundingClientRect().right)"
 
 
+@pytest.mark.long
 def test_on_a_phone_a_table_shows_what_decides_or_that_it_goes_on(server, open_page) -> None:
     page = open_page(server, width=390, height=844)
     for view, decides in (
@@ -137,6 +144,7 @@ def test_on_a_phone_a_table_shows_what_decides_or_that_it_goes_on(server, open_p
         assert max(page.evaluate(RIGHT, decides)) <= 390.0, view
 
 
+@pytest.mark.long
 def test_on_a_phone_a_place_brings_the_plots_into_view_and_the_notice_is_at_the_foot(server, open_page) -> None:
     """What is pressed stands thousands of pixels below what it changes, and nothing had seemed to happen."""
     page = open_page(server, width=390, height=844)

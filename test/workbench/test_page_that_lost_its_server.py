@@ -18,6 +18,7 @@ LOSE = "window.socket.disconnect(); window.nextMessageId -= 4;"
 COME_BACK = "window.socket.io.opts.query.next_message_id = window.nextMessageId; window.socket.connect()"
 
 
+@pytest.mark.long
 def test_numbers_of_a_browser_that_was_away_are_those_of_now(served, open_page) -> None:
     with served("--live", program=(Path(__file__).with_name("counting_link.py"),)) as address:
         away, stays = open_page(address), open_page(address)

@@ -46,6 +46,7 @@ def runs(hidden_effect, aircraft_file, tmp_path_factory):
     return made
 
 
+@pytest.mark.long
 def test_two_flights_are_listed_compared_and_named(runs, served, open_page, capsys) -> None:
     capsys.readouterr()
     assert main(["compare", str(runs / "monday"), "--with", str(runs / "tuesday"), "--json"]) == 0
@@ -122,6 +123,7 @@ def refused_by_address(address) -> None:
     connection.close()
 
 
+@pytest.mark.long
 def test_runs_that_nobody_looks_at_make_room(runs, monkeypatch) -> None:
     class Quiet:
         """A session that does nothing."""
@@ -179,6 +181,7 @@ def test_what_only_one_flight_has_stands_there_with_its_value() -> None:
     )
 
 
+@pytest.mark.long
 def test_the_list_counts_the_versions_of_the_history(run) -> None:
     for change in (add, remove, add):  # to take all back writes the first version once more
         change(run, "Cl: alpha*beta")

@@ -19,6 +19,7 @@ def run(hidden_effect, tmp_path):
     return tmp_path / "run"
 
 
+@pytest.mark.long
 def test_undo_brings_back_what_was_taken_out(run, served, open_page) -> None:
     """It took out the other one as well, and both were lost."""
     before = open_run(run).current
@@ -35,6 +36,7 @@ def test_undo_brings_back_what_was_taken_out(run, served, open_page) -> None:
         assert open_run(run).current.identifier == before.identifier
 
 
+@pytest.mark.long
 def test_a_version_of_the_history_is_made_the_current_one(run, served, open_page) -> None:
     """After Undo no way led back to a version that was there."""
     before, root = open_run(run).current, open_run(run).root.model.identifier

@@ -54,6 +54,7 @@ def test_a_difference_that_rounds_to_nothing_has_no_sign() -> None:
     assert words.rounded(-0.00032, 0.021) == ("0.000", "0.021") and words.rounded(-0.3, 0.021)[0] == "−0.300"
 
 
+@pytest.mark.long
 def test_a_worse_version_beside_has_the_same_moments_and_few_numbers(view) -> None:
     found = view.comparison.axes["CX"]
     worse = replace(found, fit=replace(found.fit, held_out=60.0 * found.fit.held_out))

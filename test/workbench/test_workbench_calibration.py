@@ -31,6 +31,7 @@ def result(calibration):
     return json.loads((calibration / "result.json").read_text())
 
 
+@pytest.mark.long
 def test_a_parameter_is_named_for_those_who_do_not_know_its_symbol(calibration) -> None:
     view = load_calibration_view(calibration)
     words = {p.name: p.words for p in view.parameters}
@@ -72,6 +73,7 @@ def numbers(coded: dict) -> np.ndarray:
     return np.frombuffer(base64.b64decode(coded["bdata"]), "<f4")
 
 
+@pytest.mark.long
 def test_the_view_has_the_numbers_of_the_result(calibration, result) -> None:
     view = load_calibration_view(calibration)
     assert view.what == "five-hole" and view.decision == result["decision"] and view.unique
@@ -93,6 +95,7 @@ def test_the_view_has_the_numbers_of_the_result(calibration, result) -> None:
     assert np.all(np.abs(view.minima[0][0] - view.estimate) < 0.3 * half)
 
 
+@pytest.mark.long
 def test_figures_draw_every_sample_and_mark_the_estimate(calibration) -> None:
     view = load_calibration_view(calibration)
     for column, parameter in enumerate(view.sampled):
@@ -212,6 +215,7 @@ def test_folders_are_told_apart_and_followed(folder, hidden_effect, tmp_path, ca
         assert "Traceback" not in capsys.readouterr().err
 
 
+@pytest.mark.long
 def test_the_page_of_a_calibration(folder, served, open_page) -> None:
     with served(folder) as address:
         page = open_page(address, plots=20, width=820, height=1180, color_scheme="dark")
@@ -237,6 +241,7 @@ def test_the_page_of_a_calibration(folder, served, open_page) -> None:
         page.context.close()
 
 
+@pytest.mark.long
 def test_the_file_of_a_calibration(calibration, hidden_effect, tmp_path, open_page, capsys) -> None:
     out = tmp_path / "probe.html"
     assert main(["report", str(calibration), "--out", str(out)]) == 0

@@ -195,6 +195,7 @@ def speaking(namespace: str):
         context.try_shutdown()
 
 
+@pytest.mark.long
 def test_a_node_in_a_namespace_on_a_tablet_in_the_dark(served, open_page) -> None:
     """Of two nodes the page shows the one whose namespace it was given."""
     with served("--live", "--namespace", "plane") as address:

@@ -52,6 +52,7 @@ def window_of(page) -> list[list[float]]:
     )
 
 
+@pytest.mark.long
 def test_names_from_outside_are_text(server, open_page) -> None:
     page = open_page(server[1])
     assert page.inner_text(".who .name") == HOSTILE and HOSTILE in page.inner_text(marked("facts"))
@@ -141,6 +142,7 @@ def another_version_is_drawn_beside(page, first: str) -> None:
     page.wait_for_function(f"{lines} === 5")
 
 
+@pytest.mark.long
 def test_a_zoom_moves_all_plots_and_shows_every_point(server, open_page) -> None:
     page = open_page(server[1])
     box = page.locator(marked("plot-CX") + " .nsewdrag").first.bounding_box()
@@ -173,6 +175,7 @@ def test_a_zoom_moves_all_plots_and_shows_every_point(server, open_page) -> None
 READ = "[...document.querySelectorAll('.crosshair span')].map((s) => s.innerText)"
 
 
+@pytest.mark.long
 def test_values_at_the_pointer_are_those_of_the_time_beside_them(server, open_page, hidden_effect) -> None:
     comparison = load_run_view(hidden_effect).comparison
     time, measured = time_of(comparison.flight), comparison.flight.coefficient("CX")
@@ -209,6 +212,7 @@ WORST_CELL = """() => {
 }"""
 
 
+@pytest.mark.long
 def test_places_and_cells_show_themselves_in_the_time_plots(server, open_page) -> None:
     """A cell of the map is marked where it was flown: alpha and beta there are within the cell."""
     run, address = server
@@ -234,6 +238,7 @@ def test_places_and_cells_show_themselves_in_the_time_plots(server, open_page) -
     assert begin < spans[0, 0] and end > spans[-1, 1]
 
 
+@pytest.mark.long
 def test_stop_ends_a_job_and_leaves_the_run(server, open_page) -> None:
     run, address = server
     page = open_page(address)
@@ -249,6 +254,7 @@ def test_stop_ends_a_job_and_leaves_the_run(server, open_page) -> None:
     assert {path: path.stat().st_mtime_ns for path in before} == before
 
 
+@pytest.mark.long
 def test_a_term_that_does_not_parse_is_refused_in_words(server, open_page) -> None:
     run, address = server
     page = open_page(address)
@@ -271,6 +277,7 @@ def test_a_term_that_does_not_parse_is_refused_in_words(server, open_page) -> No
     assert sorted(run.rglob("*")) == before
 
 
+@pytest.mark.long
 def test_two_browsers_see_the_same_run(server, open_page, capsys) -> None:
     run, address = server
     one, other = open_page(address), open_page(address)
@@ -303,6 +310,7 @@ SEES_LIGHT = """new MutationObserver(() => {
 }).observe(document, {subtree: true, childList: true, attributes: true})"""
 
 
+@pytest.mark.long
 def test_the_other_views_and_the_dark_page(server, open_page) -> None:
     page = open_page(server[1], color_scheme="dark")
     page.wait_for_selector("body.body--dark")
@@ -341,6 +349,7 @@ def test_the_other_views_and_the_dark_page(server, open_page) -> None:
     assert page.evaluate("document.body.classList.contains('body--dark') && !window.sawLight"), "no flash of light"
 
 
+@pytest.mark.long
 def test_a_run_that_is_damaged_under_the_page_is_one_sentence(run, served, open_page, capsys) -> None:
     with served(run) as address:
         page = open_page(address)
@@ -361,6 +370,8 @@ def test_a_run_that_is_damaged_under_the_page_is_one_sentence(run, served, open_
     assert said[0] == f"reading {run}" and "samples.npz is damaged" in said[-1] and "Traceback" not in str(said)
 
 
+@pytest.mark.long
+@pytest.mark.long_after_the_first
 @pytest.mark.parametrize(
     ("headers", "status"),
     [

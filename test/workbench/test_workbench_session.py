@@ -49,6 +49,7 @@ def until(true, seconds: float = 90.0) -> None:
         time.sleep(0.05)
 
 
+@pytest.mark.long
 def test_jobs_one_at_a_time_and_the_folder_is_watched(session, run) -> None:
     first = session.view.current
     assert session.start(Job(ADD, "Cl: alpha*beta"))
@@ -126,6 +127,7 @@ def files_of(folder):
     return {file: (file.read_bytes(), file.stat().st_mtime_ns) for file in found}
 
 
+@pytest.mark.long
 def test_what_the_page_wrote_over_comes_back_to_the_last_byte(run) -> None:
     """Of a refinement and of a calibration that were there, and of those that were not."""
     calibration = run / "calibration-magnetometer"
@@ -171,6 +173,7 @@ def test_undo_leaves_alone_what_another_program_has_written_since(run) -> None:
     assert file.read_text() == "of a terminal"
 
 
+@pytest.mark.long
 def test_bad_work_is_one_sentence_and_writes_nothing(session, run) -> None:
     """Another program's copy of the page may send anything."""
     before = {path: path.stat().st_mtime_ns for path in run.rglob("*")}
@@ -190,6 +193,7 @@ def test_bad_work_is_one_sentence_and_writes_nothing(session, run) -> None:
     assert {path: path.stat().st_mtime_ns for path in run.rglob("*")} == before
 
 
+@pytest.mark.long
 def test_what_is_asked_for_while_the_folder_is_read_is_done_then(run) -> None:
     """A press of a button is never lost, however slow the machine."""
     session = Session(run)
@@ -242,6 +246,7 @@ def test_addresses_can_be_typed_and_who_can_reach_them_is_known(monkeypatch, hos
     assert server.is_private(host) is is_ours
 
 
+@pytest.mark.long
 def test_a_folder_that_is_no_run_is_one_sentence(tmp_path) -> None:
     session = Session(tmp_path)
     try:

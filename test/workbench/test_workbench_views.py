@@ -69,6 +69,7 @@ def test_a_thinned_line_keeps_every_peak_and_every_gap() -> None:
     assert np.array_equal(np.nanmin(together, axis=0), np.nanmin(lines, axis=0))
 
 
+@pytest.mark.long
 def test_rows_have_the_numbers_of_compare(view, hidden_effect, capsys) -> None:
     capsys.readouterr()
     assert main(["compare", str(hidden_effect), "--json"]) == 0
@@ -80,6 +81,7 @@ def test_rows_have_the_numbers_of_compare(view, hidden_effect, capsys) -> None:
         assert (row.held_out, row.floor, row.fit) == (found["nrmse_held_out"], found["noise_floor"], found["nrmse_fit"])
 
 
+@pytest.mark.long
 def test_an_axis_without_data_says_why(view) -> None:
     axes = {name: axis for name, axis in view.comparison.axes.items() if name != "CZ"}
     without = replace(view.comparison, axes=axes, reasons={"CZ": "it is not measured"})
@@ -404,6 +406,7 @@ def test_names_in_figures_are_text() -> None:
     assert figure.axis(figure.LIGHT, words.symbol("Cl") + " < 1")["title"]["text"] == "C<sub>l</sub> &lt; 1"
 
 
+@pytest.mark.long
 def test_the_command_writes_a_file_or_says_why_not(hidden_effect, tmp_path, capsys) -> None:
     out = tmp_path / "a.html"
     assert main(["report", str(hidden_effect), "--out", str(out)]) == 0
@@ -414,6 +417,7 @@ def test_the_command_writes_a_file_or_says_why_not(hidden_effect, tmp_path, caps
     assert main(["report", str(tmp_path), "--out", str(tmp_path / "b.html")]) == 2
 
 
+@pytest.mark.long
 def test_the_file_opens_in_a_browser_and_moves_together(hidden_effect, tmp_path, open_page) -> None:
     assert main(["report", str(hidden_effect), "--out", str(tmp_path / "a.html")]) == 0
     page = open_page((tmp_path / "a.html").as_uri())
@@ -458,6 +462,7 @@ def test_a_diagnosis_that_cannot_be_read_is_a_note(view, run, content) -> None:
     assert damaged.diagnosis is None and "diagnosis.json of the run cannot be read: diagnose again" in damaged.notes
 
 
+@pytest.mark.long
 def test_what_could_not_be_read_of_the_recording_is_a_note(view, run) -> None:
     state = json.loads((run / "state.json").read_text(encoding="utf8"))
     assert state["notes"] == [] and not any(note.startswith("recording: ") for note in view.notes)
@@ -476,6 +481,7 @@ def test_damaged_estimates_are_shown_as_far_as_they_go(view, run) -> None:
     assert 0 < len(damaged.state.time) < len(whole.state.time)
 
 
+@pytest.mark.long
 def test_a_version_that_cannot_be_read_is_left_out_with_a_note(run) -> None:
     assert main(["add", str(run), "Cl: alpha*beta"]) == 0
     assert main(["remove", str(run), "Cl: alpha*beta"]) == 0
