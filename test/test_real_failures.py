@@ -37,6 +37,7 @@ def test_nothing_is_named_where_the_servos_own_pulses_are_read(shared_data, tmp_
     assert said["verdict"] == "none" and said["candidates"] == []
 
 
+@pytest.mark.long
 def test_an_engine_that_was_cut_is_dated_and_nothing_else_named(shared_data, tmp_path) -> None:
     said = real_failures.said_of("alfa", shared_data, tmp_path)
     (found,) = said["candidates"]

@@ -124,6 +124,7 @@ def test_estimates_of_constant_derivatives_are_those_of_the_file(found):
         assert parameters[name].value == pytest.approx(local[name], rel=tolerance), name
 
 
+@pytest.mark.long
 def test_downwash_lag_in_the_model_gives_damping_in_pitch_back():
     """Without a term in alpha_dot, C_m,q takes a part of it: only with it is the 12.4/2 of the file found."""
     flight = fly("c172p")

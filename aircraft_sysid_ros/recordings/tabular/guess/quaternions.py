@@ -18,14 +18,14 @@ from aircraft_sysid_ros.recordings.tabular.guess.series import Column
 from aircraft_sysid_ros.recordings.tabular.table import numbers
 
 Array = npt.NDArray[np.float64]
+#: Places of w, x, y, z among four columns.
+Order = tuple[int, int, int, int]
 _PART = re.compile(r"^(?P<stem>.*?)[\s_.\[(]*(?P<part>[wxyz0-4])[\])]?$", re.IGNORECASE)
 _STEM = re.compile(r"(^|[^a-z])(q|quat|quats|quaternion|orientation|rotation)$|quat$|quaternion$", re.IGNORECASE)
-#: Names of the four parts, and orders (places of w, x, y, z) that they may have, the usual first.
-_ORDERS = {
-    "wxyz": ((0, 1, 2, 3),),
-    "0123": ((0, 1, 2, 3), (3, 0, 1, 2)),
-    "1234": ((0, 1, 2, 3), (3, 0, 1, 2)),
-}
+_FIRST: Order = (0, 1, 2, 3)
+_LAST: Order = (3, 0, 1, 2)
+#: Names of the four parts, and orders that they may have, the usual first.
+_ORDERS = {"wxyz": (_FIRST,), "0123": (_FIRST, _LAST), "1234": (_FIRST, _LAST)}
 #: |q| is 1 but for this; rows that are so, at least.
 _UNIT, _MOST = 0.02, 0.98
 #: What gyros leave unexplained of the rates of an order, of their variance at most, and of what any other leaves.
@@ -52,40 +52,35 @@ def quaternion_columns(
 
     ``time`` (n,) [s]; ``named``: the columns of the table whose names say what they are, gyros among them.
     """
-    for four in _groups(content):
+    for four, orders in _groups(content):
         q = np.column_stack([numbers(content[name])[0] for name in four])
         is_there = np.isfinite(q).all(axis=1)
         if len(q) != len(time) or is_there.sum() < 10:
             continue
         if np.mean(np.abs(np.linalg.norm(q[is_there], axis=1) - 1.0) < _UNIT) < _MOST:
             continue
-        order, is_inverse, why = _way(q, four, time, named)
+        order, is_inverse, why = _way(q, orders, time, named)
         return _angles(table, four, order, is_inverse, q, time, why), set(four)
     return [], set()
 
 
-def _groups(content: Mapping[str, npt.NDArray[np.generic]]) -> list[list[str]]:
-    """Names of four columns each, in the order of ``_ORDERS``."""
+def _groups(content: Mapping[str, npt.NDArray[np.generic]]) -> list[tuple[list[str], tuple[Order, ...]]]:
+    """Names of four columns each, and orders that they may have."""
     found: dict[str, dict[str, str]] = {}
     for name in content:
         match = _PART.match(name.strip())
         if match and _STEM.search(match["stem"].strip()):
             found.setdefault(match["stem"].lower(), {})[match["part"].lower()] = name
-    groups = []
-    for parts in found.values():
-        for letters in _ORDERS:
-            if set(letters) <= parts.keys():
-                groups.append([parts[letter] for letter in letters])
-                break
-    return groups
+    return [
+        ([parts[letter] for letter in letters], orders)
+        for parts in found.values()
+        for letters, orders in _ORDERS.items()
+        if set(letters) <= parts.keys()
+    ]
 
 
-def _way(
-    q: Array, four: Sequence[str], time: Array, named: Sequence[Column]
-) -> tuple[tuple[int, int, int, int], bool, str]:
-    """Where w, x, y, z are, whether it turns the earth to the body, and what says so ("": nothing)."""
-    last = four[-1].strip().rstrip("])").lower()[-1]
-    orders = _ORDERS["wxyz" if last == "z" else "0123" if last == "3" else "1234"]
+def _way(q: Array, orders: Sequence[Order], time: Array, named: Sequence[Column]) -> tuple[Order, bool, str]:
+    """Which of the orders it has, whether it turns the earth to the body, and what says so ("": nothing)."""
     ways = [(order, is_inverse) for order in orders for is_inverse in (False, True)]
     gyros = {column.signal: column for column in named if column.signal in _GYROS}
     if len(gyros) < len(_GYROS):
@@ -98,7 +93,7 @@ def _way(
     return (*ways[best], f"gyros are {100.0 * (1.0 - left[best]):.0f} % of its rates")
 
 
-def _in_order(q: Array, order: tuple[int, int, int, int], is_inverse: bool) -> Array:
+def _in_order(q: Array, order: Order, is_inverse: bool) -> Array:
     """(n, 4) as (w, x, y, z) of the rotation from the body to the earth."""
     return q[:, order] * (np.array([1.0, -1.0, -1.0, -1.0]) if is_inverse else 1.0)
 
@@ -110,10 +105,10 @@ def _left(q: Array, time: Array, rates: Array) -> float:
     if len(rows) < 10:
         return 1.0
     q, time, rates = q[rows], time[rows], rates[rows]
-    jump = np.sign(np.sum(q[2:] * q[:-2], axis=1))  # q and -q are one rotation
-    change = (q[2:] * jump[:, None] - q[:-2]) / np.maximum(time[2:] - time[:-2], 1e-6)[:, None]
-    w, v = q[1:-1, :1] * np.sign(np.sum(q[1:-1] * q[:-2], axis=1))[:, None], q[1:-1, 1:]
-    v = v * np.sign(np.sum(q[1:-1] * q[:-2], axis=1))[:, None]
+    signs = np.cumprod(np.concatenate([[1.0], np.where(np.sum(q[1:] * q[:-1], axis=1) < 0.0, -1.0, 1.0)]))
+    q = q * signs[:, None]  # q and -q are one rotation
+    change = (q[2:] - q[:-2]) / np.maximum(time[2:] - time[:-2], 1e-6)[:, None]
+    w, v = q[1:-1, :1], q[1:-1, 1:]
     omega = 2.0 * (w * change[:, 1:] - change[:, :1] * v - np.cross(v, change[:, 1:]))
     with np.errstate(all="ignore"):
         each = [np.corrcoef(omega[:, i], rates[1:-1, i])[0, 1] for i in range(3)]
@@ -121,7 +116,7 @@ def _left(q: Array, time: Array, rates: Array) -> float:
 
 
 def _angles(
-    table: str, four: Sequence[str], order: tuple[int, int, int, int], is_inverse: bool, q: Array, time: Array, why: str
+    table: str, four: Sequence[str], order: Order, is_inverse: bool, q: Array, time: Array, why: str
 ) -> list[Column]:
     w, x, y, z = (_quoted(four[i]) for i in order)
     if is_inverse:
