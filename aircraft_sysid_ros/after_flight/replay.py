@@ -129,7 +129,9 @@ def _flown(
             options.calibration,
         )
     findings = [record for finding in sensor_findings(pipeline) for record in finding.records]
-    return pipeline, {"run": str(out), "notes": [*told, *unused], "findings": findings, **result}
+    reads = pipeline.check.airspeed_reads
+    said = {"notes": [*told, *unused], "findings": findings, "airspeed_reads": None if reads is None else [*reads]}
+    return pipeline, {"run": str(out), **said, **result}
 
 
 def _taken_there(position: list[Any], is_written: bool) -> str:

@@ -147,6 +147,11 @@ class InFlightCheck:
         return self._found if self._triangle is None else (*self._found, *self._triangle.findings)
 
     @property
+    def airspeed_reads(self) -> tuple[float, float] | None:
+        """Between which shares of the airspeed it reads as far as GPS and wind tell; None: nobody asked them."""
+        return None if self._triangle is None else self._triangle.reads
+
+    @property
     def has_late_imu(self) -> bool:
         """Whether the IMU was found to be later than all others."""
         return any(map(_is_late_imu, self._found))

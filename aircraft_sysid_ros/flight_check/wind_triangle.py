@@ -341,6 +341,13 @@ class WindTriangle:
         small = () if self._small is None else (self._small,)
         return tuple(reading.finding for reading in reversed(self.readings)) or small
 
+    @property
+    def reads(self) -> tuple[float, float] | None:
+        """Least and most of what GPS and wind say that it may read of late, by two standard errors; None: unasked."""
+        if not self.newest:
+            return None
+        return min(s - 2.0 * std for s, std, _ in self.newest), max(s + 2.0 * std for s, std, _ in self.newest)
+
     def finish(self) -> None:
         """The flight is over: an error that is sure and small, where none was larger."""
         if not self.newest or self.readings:

@@ -218,6 +218,16 @@ def test_what_the_model_lacks_is_added_before_anything_is_flown_for_its_axis():
     assert any("Cn_beta" in text for text in said) and not any("Cl_" in text for text in said)
 
 
+def test_where_nothing_tells_whether_the_airspeed_is_right_circles_are_to_be_flown():
+    """In straight flight an airspeed that is 12 % off is a head wind, and `explain` had said that sensors agree."""
+    said, sure, unasked, wrong = (
+        next_flights(check_json(*each), None, (), None, reads)
+        for each, reads in (((), [0.7, 1.3]), ((), [0.95, 1.05]), ((), None), ((WRONG_UNIT,), [0.7, 1.3]))
+    )
+    assert said[-1].startswith("Fly two full circles with GPS") and " 0.70 to 1.30 of what it should" in said[-1]
+    assert not any("circles" in text for text in (*sure, *unasked, *wrong))
+
+
 def test_of_a_log_that_is_wrong_nothing_is_told_apart():
     found = candidate("stall", "aerodynamic", confounded_with=["icing"], manoeuvre="Slow flight.")
     diagnosis = {"candidates": [found], "advice": "gusts"}

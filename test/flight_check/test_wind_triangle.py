@@ -124,6 +124,18 @@ def test_without_a_turn_nothing_is_said_and_what_is_wrong_is_not_released():
     assert triangle.is_wrong
 
 
+@pytest.mark.parametrize("scale", [0.85, 1.0, 1.2])
+def test_what_it_may_read_is_wide_in_straight_flight_and_holds_the_truth(scale):
+    widths = []
+    for turn in (0.0, 10.0):
+        triangle, _ = watched(flown(3, scale=lambda t: scale * np.ones_like(t), turn=turn))
+        low, high = triangle.reads
+        assert low < scale < high
+        widths.append(high - low)
+    assert widths[0] > 0.3 > widths[1]
+    assert WindTriangle(8.0).reads is None
+
+
 def test_gaps_outliers_and_what_is_no_number_do_no_harm():
     samples = flown(11, scale=lambda t: np.where(t > 60.0, 0.8, 1.0))
     rng = np.random.default_rng(0)

@@ -181,7 +181,7 @@ def _explained(
         aircraft=aircraft,
         check=checked,
         said=tuple(what_matters(evidence)),
-        next=tuple(next_flights(checked.json, learnt, modes, diagnosis)),
+        next=tuple(next_flights(checked.json, learnt, modes, diagnosis, replayed.get("airspeed_reads"))),
         replayed={**replayed, "run": str(out / RUN)},
         compared=None if compared is None else replace(compared, run=replace(compared.run, path=out / RUN)),
         diagnosis=None if diagnosis is None else {**diagnosis, "file": str(out / RUN / "diagnosis.json")},

@@ -33,6 +33,7 @@ _MANOEUVRES: tuple[tuple[frozenset[str], str], ...] = (
 _CONTROLS = {CONTROL_WORDS[signal]: signal for signal in ("de", "da", "dr", "Tc", "flaps")}
 #: Why parameters are held by a sensor that is wrong.
 _CONTRADICTED = tuple(contradiction_text(code) for code in CONTRADICTED)
+_HARDLY_TOLD = 0.3  # between the least and the most that the airspeed may read
 _WIDEST = 1.3  # highest over lowest airspeed below which other speeds are worth a flight
 
 
@@ -41,14 +42,24 @@ def next_flights(
     learnt: Learnt | None,
     modes: Sequence[KnownMode],
     diagnosis: Mapping[str, Any] | None,
+    airspeed_reads: Sequence[float] | None = None,
 ) -> list[str]:
-    """Sentences, the most useful first."""
+    """Sentences, the most useful first; ``airspeed_reads`` as ``InFlightCheck`` has it."""
     is_sound = not any(finding["severity"] == ERROR for finding in check["findings"])
     lacking = _lacking(diagnosis) if is_sound else {}
     said = [*_to_record(check), *_to_add(lacking), *_for_parameters(check, learnt, modes, set(lacking))]
     if is_sound:
-        said += [*_to_tell_apart(diagnosis), *_calm(diagnosis)]
+        said += [*_to_tell_apart(diagnosis), *_calm(diagnosis), *_to_tell_the_airspeed(airspeed_reads)]
     return list(dict.fromkeys(said)) or [_more(learnt)]
+
+
+def _to_tell_the_airspeed(reads: Sequence[float] | None) -> Iterator[str]:
+    """Whether it reads true is known where the course turns; without that no sensor contradicts it."""
+    if reads is not None and reads[1] - reads[0] > _HARDLY_TOLD:
+        yield (
+            f"Fly two full circles with GPS: this flight tells only that the airspeed reads {max(reads[0], 0.0):.2f} "
+            f"to {reads[1]:.2f} of what it should; every coefficient goes with its square, which no error here counts."
+        )
 
 
 def _to_record(check: Mapping[str, Any]) -> Iterator[str]:
