@@ -22,11 +22,12 @@ WAYS = {
 }
 
 
-def table(flight, folder, names, quaternion, gyros=True, with_roll=False):
+def table(flight, folder, names, quaternion, gyros=True, with_roll=False, first=None):
     """A table of a flight in SI; returns its path, the times and the quaternions that are in it."""
     truth = flight.truth
     rows = np.arange(100, len(truth.time) // 2, max(1, round(0.04 / np.median(np.diff(truth.time)))))
     columns = {
+        **(first(truth.quaternion[rows]) if first else {}),
         **{f"a{axis}_mps2": truth.specific_force[rows, i] for i, axis in enumerate("xyz")},
         **{f"{axis}_rps": truth.rates[rows, i] for i, axis in enumerate("pqr") if gyros},
         **{f"v{way}_mps": truth.velocity[rows, i] for i, way in enumerate("ned")},
@@ -64,6 +65,22 @@ def test_angles_that_have_names_go_before(flight, tmp_path):
     path, *_ = table(flight, tmp_path, *WAYS["w first"], with_roll=True)
     lines = [line for line in guess_map(path).parts[0].lines if line.signal == "attitude.roll"]
     assert [(line.column, line.active) for line in lines] == [("roll_rad", True), ("qw, qx, qy, qz", False)]
+
+
+def test_of_two_attitudes_the_one_that_the_gyros_know_is_taken_and_no_demand(flight, tmp_path):
+    """A demand by its name, and an attitude of something else, such as of a gimbal, stand before it in the table."""
+
+    def others(q):
+        still = np.tile([1.0, 0.0, 0.0, 0.0], (len(q), 1)) + 1e-4 * np.sin(np.arange(4 * len(q)).reshape(-1, 4))
+        each = {"setpoint_q": q, "gimbal_q": still}
+        return {f"{name}{i}": values[:, i] for name, values in each.items() for i in range(4)}
+
+    names, quaternion = WAYS["w first"]
+    lines, _ = lines_of(table(flight, tmp_path, names, quaternion, first=others)[0])
+    assert all(lines[signal].column == "qw, qx, qy, qz" for signal in ANGLES)
+    lines, _ = lines_of(table(flight, tmp_path, names, lambda q: 0.7 * q, gyros=False, first=lambda q: {
+        name: values for name, values in others(q).items() if name.startswith("setpoint")})[0])  # fmt: skip
+    assert not set(ANGLES) & lines.keys()
 
 
 def test_what_is_of_no_length_one_is_no_attitude(flight, tmp_path):

@@ -63,6 +63,11 @@ def guess_name(column: str, unit: str = "", table: str = "") -> NameGuess | None
     return best
 
 
+def is_of_another(column: str) -> bool:
+    """Whether a name says that the column is no measurement: a demand, an error, a count, …"""
+    return not _OTHERS.isdisjoint(_words(column))
+
+
 def _fits(unit: str, signal: str) -> bool:
     return dimension_fits(unit, "s" if signal == TIME else UNITS[signal])
 

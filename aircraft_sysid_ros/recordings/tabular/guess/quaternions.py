@@ -9,11 +9,13 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.recordings.tabular.column_expression import parse_column_expression
+from aircraft_sysid_ros.recordings.tabular.guess.names import is_of_another
 from aircraft_sysid_ros.recordings.tabular.guess.series import Column
 from aircraft_sysid_ros.recordings.tabular.table import numbers
 
@@ -52,16 +54,27 @@ def quaternion_columns(
 
     ``time`` (n,) [s]; ``named``: the columns of the table whose names say what they are, gyros among them.
     """
+    found = []
     for four, orders in _groups(content):
         q = np.column_stack([numbers(content[name])[0] for name in four])
         is_there = np.isfinite(q).all(axis=1)
         if len(q) != len(time) or is_there.sum() < 10:
             continue
-        if np.mean(np.abs(np.linalg.norm(q[is_there], axis=1) - 1.0) < _UNIT) < _MOST:
-            continue
-        order, is_inverse, why = _way(q, orders, time, named)
-        return _angles(table, four, order, is_inverse, q, time, why), set(four)
-    return [], set()
+        if np.mean(np.abs(np.linalg.norm(q[is_there], axis=1) - 1.0) < _UNIT) >= _MOST:
+            found.append((_way(q, orders, time, named), four, q))
+    if not found:
+        return [], set()
+    way, four, q = min(found, key=lambda each: each[0].left)  # what the gyros know best; the first where nothing tells
+    return _angles(table, four, way, q, time), set(four)
+
+
+class _Way(NamedTuple):
+    """How four columns count."""
+
+    order: Order
+    is_inverse: bool  # it turns the earth to the body
+    left: float  # share of its rates that the gyros do not explain
+    is_told: bool  # by the gyros
 
 
 def _groups(content: Mapping[str, npt.NDArray[np.generic]]) -> list[tuple[list[str], tuple[Order, ...]]]:
@@ -69,7 +82,7 @@ def _groups(content: Mapping[str, npt.NDArray[np.generic]]) -> list[tuple[list[s
     found: dict[str, dict[str, str]] = {}
     for name in content:
         match = _PART.match(name.strip())
-        if match and _STEM.search(match["stem"].strip()):
+        if match and _STEM.search(match["stem"].strip()) and not is_of_another(match["stem"]):
             found.setdefault(match["stem"].lower(), {})[match["part"].lower()] = name
     return [
         ([parts[letter] for letter in letters], orders)
@@ -79,18 +92,19 @@ def _groups(content: Mapping[str, npt.NDArray[np.generic]]) -> list[tuple[list[s
     ]
 
 
-def _way(q: Array, orders: Sequence[Order], time: Array, named: Sequence[Column]) -> tuple[Order, bool, str]:
-    """Which of the orders it has, whether it turns the earth to the body, and what says so ("": nothing)."""
-    ways = [(order, is_inverse) for order in orders for is_inverse in (False, True)]
+def _way(q: Array, orders: Sequence[Order], time: Array, named: Sequence[Column]) -> _Way:
+    """Which of the orders it has, and which way it turns; as is usual where the gyros do not tell."""
     gyros = {column.signal: column for column in named if column.signal in _GYROS}
     if len(gyros) < len(_GYROS):
-        return (*ways[0], "")
+        return _Way(orders[0], False, 1.0, False)
     rates = np.column_stack([np.interp(time, gyros[s].time, gyros[s].values) for s in _GYROS])
-    left = [_left(_in_order(q, *way), time, rates) for way in ways]
-    best, second = np.argsort(left)[:2].tolist()
-    if not left[best] < min(_LEFT, _BETTER * left[second]):
-        return (*ways[0], "")
-    return (*ways[best], f"gyros are {100.0 * (1.0 - left[best]):.0f} % of its rates")
+    ways = [
+        _Way(order, is_inverse, _left(_in_order(q, order, is_inverse), time, rates), True)
+        for order in orders
+        for is_inverse in (False, True)
+    ]
+    best, second = sorted(ways, key=lambda way: way.left)[:2]
+    return best if best.left < min(_LEFT, _BETTER * second.left) else ways[0]._replace(is_told=False)
 
 
 def _in_order(q: Array, order: Order, is_inverse: bool) -> Array:
@@ -115,20 +129,19 @@ def _left(q: Array, time: Array, rates: Array) -> float:
     return float(1.0 - np.mean(np.nan_to_num(each) ** 2))
 
 
-def _angles(
-    table: str, four: Sequence[str], order: Order, is_inverse: bool, q: Array, time: Array, why: str
-) -> list[Column]:
-    w, x, y, z = (_quoted(four[i]) for i in order)
-    if is_inverse:
+def _angles(table: str, four: Sequence[str], way: _Way, q: Array, time: Array) -> list[Column]:
+    w, x, y, z = (_quoted(four[i]) for i in way.order)
+    if way.is_inverse:
         w = f"(-{w})"  # -q* is the rotation of q*
     parts = {name: q[:, i] for i, name in enumerate(four)}
+    why = f", gyros are {100.0 * (1.0 - way.left):.0f} % of its rates" if way.is_told else ""
     found = []
     timed = np.isfinite(time)
     for signal, text in zip(_ANGLES, euler_expressions(w, x, y, z), strict=True):
         values = parse_column_expression(text).evaluate(parts)
         column = Column(table, ", ".join(four), signal, values[timed], time[timed], "rad", 1.0, _DISTANCE)
-        column.expression, column.sure, column.unit, column.factor = text, bool(why), "rad", 1.0
-        column.evidence.append(f"of the quaternion ({', '.join(four)}){', ' + why if why else ''}")
+        column.expression, column.sure, column.unit, column.factor = text, way.is_told, "rad", 1.0
+        column.evidence.append(f"of the quaternion ({', '.join(four)}){why}")
         found.append(column)
     return found
 
