@@ -33,7 +33,7 @@ _MANOEUVRES: tuple[tuple[frozenset[str], str], ...] = (
 _CONTROLS = {CONTROL_WORDS[signal]: signal for signal in ("de", "da", "dr", "Tc", "flaps")}
 #: Why parameters are held by a sensor that is wrong.
 _CONTRADICTED = tuple(contradiction_text(code) for code in CONTRADICTED)
-_HARDLY_TOLD = 0.3  # between the least and the most that the airspeed may read
+_HARDLY_TOLD, _NOT_TOLD = 0.3, 1.0  # between the least and the most that the airspeed may read
 _WIDEST = 1.3  # highest over lowest airspeed below which other speeds are worth a flight
 
 
@@ -55,11 +55,15 @@ def next_flights(
 
 def _to_tell_the_airspeed(reads: Sequence[float] | None) -> Iterator[str]:
     """Whether it reads true is known where the course turns; without that no sensor contradicts it."""
-    if reads is not None and reads[1] - reads[0] > _HARDLY_TOLD:
-        yield (
-            f"Fly two full circles with GPS: this flight tells only that the airspeed reads {max(reads[0], 0.0):.2f} "
-            f"to {reads[1]:.2f} of what it should; every coefficient goes with its square, which no error here counts."
-        )
+    if reads is None or not reads[1] - reads[0] > _HARDLY_TOLD:
+        return
+    told = f"only that the airspeed reads {reads[0]:.2f} to {reads[1]:.2f} of what it should"
+    if reads[1] - reads[0] > _NOT_TOLD:
+        told = "next to nothing of whether the airspeed reads true"
+    yield (
+        f"Fly two full circles with GPS: this flight tells {told}, and every coefficient goes with its square, which "
+        "no error here counts."
+    )
 
 
 def _to_record(check: Mapping[str, Any]) -> Iterator[str]:
