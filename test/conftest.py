@@ -5,6 +5,7 @@ from __future__ import annotations
 import fcntl
 import gc
 import os
+import signal
 import tempfile
 from pathlib import Path
 
@@ -26,6 +27,9 @@ def claim_domain():
             return number, lock
     raise RuntimeError("every ROS domain is taken by tests that run")
 
+
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # a suite in the background, whose children could not be stopped
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 # Before any rclpy import: traffic stays on this machine; runs, and workers of one, do not hear each other.
 NUMBER, *LOCKS = claim_domain()
