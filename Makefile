@@ -99,7 +99,7 @@ pytest: export ROS_LOG_DIR := $(abspath build/ros_log)
 pytest: env ## the tests alone; ARGS='-k name -x' selects
 	$(BIN)/python -m pytest -n $$(($$(nproc) + 1)) $(ARGS)
 
-test-long: ## the tests that `make test` leaves out, half an hour: further ways and flights, many seeds
+test-long: ## the tests that `make test` leaves out, more than an hour: further ways and flights, many seeds
 	@$(MAKE) --no-print-directory pytest ARGS="-m long $(ARGS)"
 
 # What is built is what is released: the tree of `make release-tree`, in a workspace, without options.

@@ -30,9 +30,7 @@ COMMENT_THAT_CITES = re.compile(rf"#.*(?:\((?:[1-6]\.)?[AB]?\d{{1,2}}\)|{THE_PAP
 
 
 def strings_of(source: str) -> Iterator[str]:
-    """Docstrings, other strings and comments of a Python file; nothing of one that cannot cite anything."""
-    if not (OF_SUMMARY.search(source) or OF_PAPER.search(source) or BETWEEN.search(source)):  # most files
-        return
+    """Docstrings, other strings and comments of a Python file."""
     for node in ast.walk(ast.parse(source)):
         if isinstance(node, ast.Constant) and isinstance(node.value, str):
             yield node.value

@@ -187,6 +187,14 @@ def rotation_matrices(quaternions: Array) -> Array:
     return out
 
 
+def continuous(quaternions: Array) -> Array:
+    """The same attitudes (n, 4) without changes of sign between neighbours, fit for interpolation."""
+    steps = np.sum(quaternions[1:] * quaternions[:-1], axis=1)
+    signs = np.cumprod(np.concatenate([[1.0], np.where(steps < 0.0, -1.0, 1.0)]))
+    result: Array = quaternions * signs[:, None]
+    return result
+
+
 @njit(cache=True)
 def quaternion_product(a: Array, b: Array) -> Array:
     """a (x) b, (4,): first turn by b, then by a."""

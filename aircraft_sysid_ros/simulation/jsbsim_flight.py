@@ -21,7 +21,7 @@ import numpy.typing as npt
 from aircraft_sysid_ros.aircraft import earth, rigid_body
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AerodynamicModel, textbook_model
 from aircraft_sysid_ros.aircraft.configuration import Aircraft, aircraft_from_dict
-from aircraft_sysid_ros.aircraft.frames import quaternion_from_euler, rotation_matrix
+from aircraft_sysid_ros.aircraft.frames import continuous, quaternion_from_euler, rotation_matrix
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.installation import MissingExtra
 from aircraft_sysid_ros.sensors.truth import PROPELLER_SPEED, THROTTLE, THRUST, Truth
@@ -420,11 +420,3 @@ def truth_of_log(aircraft: Aircraft, time: Array, log: Array) -> Truth:
         coefficients=np.array(coefficients),
         origin=origin,
     )
-
-
-def continuous(quaternions: Array) -> Array:
-    """The same attitudes (n, 4) without changes of sign between neighbours, fit for interpolation."""
-    steps = np.sum(quaternions[1:] * quaternions[:-1], axis=1)
-    signs = np.cumprod(np.concatenate([[1.0], np.where(steps < 0.0, -1.0, 1.0)]))
-    result: Array = quaternions * signs[:, None]
-    return result

@@ -7,12 +7,11 @@ import pytest
 
 from aircraft_sysid_ros.aircraft import rigid_body
 from aircraft_sysid_ros.aircraft.configuration import aircraft_from_dict
-from aircraft_sysid_ros.aircraft.frames import rotation_matrix
+from aircraft_sysid_ros.aircraft.frames import continuous, rotation_matrix
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.simulation.jsbsim_flight import (
     FOOT,
     MODELS,
-    continuous,
     jsbsim_aircraft_file,
     prepare_jsbsim,
     trimmed,

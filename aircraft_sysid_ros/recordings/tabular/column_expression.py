@@ -52,6 +52,15 @@ class ColumnExpression:
         return np.where(np.isfinite(values), values, np.nan) + np.zeros(count)
 
 
+def quoted(column: str) -> str:
+    """A column as it stands in an expression: as it is, or between backticks."""
+    try:
+        is_plain = parse_column_expression(column).columns == (column,)
+    except InputError:
+        is_plain = False
+    return column if is_plain else f"`{column}`"
+
+
 def parse_column_expression(text: str) -> ColumnExpression:
     """Check an expression; raises InputError that quotes it and says what is allowed."""
     if len(text) > _LONGEST:

@@ -12,6 +12,7 @@ from aircraft_sysid_ros.mavlink.servo_mapping import ServoMapping
 from aircraft_sysid_ros.recordings.tabular.guess.known_line import KnownLine
 from aircraft_sysid_ros.recordings.tabular.guess.quaternions import euler_expressions
 from aircraft_sysid_ros.recordings.tabular.guess.servo_lines import calibrated, outputs_topic, uncalibrated
+from aircraft_sysid_ros.recordings.tabular.signals import VECTORS
 from aircraft_sysid_ros.recordings.tabular.source import Source
 from aircraft_sysid_ros.recordings.tabular.table import Table, numbers
 from aircraft_sysid_ros.recordings.tabular.text_files import MessageTable
@@ -35,11 +36,8 @@ def _vector(
 
 def _attitude(w: str, x: str, y: str, z: str) -> list[KnownLine]:
     """Euler angles of a quaternion FRD to NED."""
-    names = ("roll", "pitch", "yaw")
-    return [
-        KnownLine(f"attitude.{name}", "", "rad", expression=text)
-        for name, text in zip(names, euler_expressions(w, x, y, z), strict=True)
-    ]
+    texts = euler_expressions(w, x, y, z)
+    return [KnownLine(s, "", "rad", expression=text) for s, text in zip(VECTORS["attitude"], texts, strict=True)]
 
 
 def _attitude_of_ros() -> list[KnownLine]:

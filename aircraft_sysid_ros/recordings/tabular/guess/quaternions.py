@@ -14,9 +14,11 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from aircraft_sysid_ros.recordings.tabular.column_expression import parse_column_expression
+from aircraft_sysid_ros.aircraft.frames import continuous
+from aircraft_sysid_ros.recordings.tabular.column_expression import parse_column_expression, quoted
 from aircraft_sysid_ros.recordings.tabular.guess.names import is_of_another
 from aircraft_sysid_ros.recordings.tabular.guess.series import Column
+from aircraft_sysid_ros.recordings.tabular.signals import VECTORS
 from aircraft_sysid_ros.recordings.tabular.table import numbers
 
 Array = npt.NDArray[np.float64]
@@ -34,8 +36,7 @@ _UNIT, _MOST = 0.02, 0.98
 _LEFT, _BETTER = 0.75, 0.7
 #: After any column that is an Euler angle by its name.
 _DISTANCE = 900
-_ANGLES = ("attitude.roll", "attitude.pitch", "attitude.yaw")
-_GYROS = ("angular_velocity.x", "angular_velocity.y", "angular_velocity.z")
+_ANGLES, _GYROS = VECTORS["attitude"], VECTORS["angular_velocity"]
 
 
 def euler_expressions(w: str, x: str, y: str, z: str) -> tuple[str, str, str]:
@@ -118,9 +119,7 @@ def _left(q: Array, time: Array, rates: Array) -> float:
     rows = rows[np.concatenate([[True], np.any(np.diff(q[rows], axis=0) != 0.0, axis=1)])] if len(rows) else rows
     if len(rows) < 10:
         return 1.0
-    q, time, rates = q[rows], time[rows], rates[rows]
-    signs = np.cumprod(np.concatenate([[1.0], np.where(np.sum(q[1:] * q[:-1], axis=1) < 0.0, -1.0, 1.0)]))
-    q = q * signs[:, None]  # q and -q are one rotation
+    q, time, rates = continuous(q[rows]), time[rows], rates[rows]
     change = (q[2:] - q[:-2]) / np.maximum(time[2:] - time[:-2], 1e-6)[:, None]
     w, v = q[1:-1, :1], q[1:-1, 1:]
     omega = 2.0 * (w * change[:, 1:] - change[:, :1] * v - np.cross(v, change[:, 1:]))
@@ -130,7 +129,7 @@ def _left(q: Array, time: Array, rates: Array) -> float:
 
 
 def _angles(table: str, four: Sequence[str], way: _Way, q: Array, time: Array) -> list[Column]:
-    w, x, y, z = (_quoted(four[i]) for i in way.order)
+    w, x, y, z = (quoted(four[i]) for i in way.order)
     if way.is_inverse:
         w = f"(-{w})"  # -q* is the rotation of q*
     parts = {name: q[:, i] for i, name in enumerate(four)}
@@ -144,12 +143,3 @@ def _angles(table: str, four: Sequence[str], way: _Way, q: Array, time: Array) -
         column.evidence.append(f"of the quaternion ({', '.join(four)}){why}")
         found.append(column)
     return found
-
-
-def _quoted(name: str) -> str:
-    """A column in an expression."""
-    try:
-        is_plain = parse_column_expression(name).columns == (name,)
-    except ValueError:
-        is_plain = False
-    return name if is_plain else f"`{name}`"

@@ -11,12 +11,10 @@ from aircraft_sysid_ros.recordings.tabular.guess import laws_of_air, laws_of_sev
 from aircraft_sysid_ros.recordings.tabular.guess.flight_columns import FAIR, FASTEST, GOOD, SLOWEST, SURE_T, Flight, G
 from aircraft_sysid_ros.recordings.tabular.guess.laws_of_one import CANDIDATES, is_of_size, references, unit_of_slope
 from aircraft_sysid_ros.recordings.tabular.guess.series import Array, Column, Fit
-from aircraft_sysid_ros.recordings.tabular.signals import UNITS
+from aircraft_sysid_ros.recordings.tabular.signals import UNITS, VECTORS
 from aircraft_sysid_ros.recordings.tabular.units import conversion
 
-_AXES = tuple(f"specific_force.{axis}" for axis in "xyz")
-_RATES = tuple(f"angular_velocity.{axis}" for axis in "xyz")
-_ATTITUDE = ("attitude.roll", "attitude.pitch", "attitude.yaw")
+_AXES, _RATES, _ATTITUDE = VECTORS["specific_force"], VECTORS["angular_velocity"], VECTORS["attitude"]
 _SURFACES = ("elevator", "aileron", "rudder", "flaps")
 _SPEEDS = ("true_airspeed", "calibrated_airspeed", "indicated_airspeed")
 #: Quantities that are positive by what they are.

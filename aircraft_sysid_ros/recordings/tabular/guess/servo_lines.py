@@ -9,6 +9,7 @@ from itertools import pairwise
 import numpy as np
 
 from aircraft_sysid_ros.mavlink.servo_mapping import MIXING, MOTORS, Output, ServoMapping
+from aircraft_sysid_ros.recordings.tabular.column_expression import quoted
 from aircraft_sysid_ros.recordings.tabular.guess.known_line import KnownLine
 
 #: Column of output 1, 2 … of a table, by what its topic is, and whether these are commands from -1 to 1.
@@ -98,7 +99,7 @@ def _unit(output: Output) -> str:
 
 def _interpolated(column: str, output: Output) -> str:
     """A table of points as an expression: linear between them, held beyond the ends."""
-    name = f"`{column}`" if column.isdigit() else column
+    name = quoted(column)
     slopes = np.diff(output.values) / np.diff(output.points)
     bends = [0, *(np.flatnonzero(np.abs(np.diff(slopes)) > 1e-9 * np.abs(slopes[1:])) + 1), len(slopes)]
     text = f"{output.values[0]:.9g}"
