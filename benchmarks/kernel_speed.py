@@ -38,6 +38,7 @@ from aircraft_sysid_ros.pipeline import Pipeline
 from aircraft_sysid_ros.reconstruction.fusion import fuse
 from aircraft_sysid_ros.reconstruction.process import propagate
 from aircraft_sysid_ros.reconstruction.state import Setup, new_memory
+from aircraft_sysid_ros.records import replaced
 from aircraft_sysid_ros.samples import GPS_NED, WIDTH, Kind
 from aircraft_sysid_ros.simulation.simulated_flight import SimulatedFlight, simulate_samples
 
@@ -90,7 +91,7 @@ def make_input(flight: SimulatedFlight, n: int) -> Input:
     pipeline.push(samples[:early])
     estimator = pipeline.state
     begin = samples.stamp[early]
-    x, p, setup = estimator.state_vector, estimator.covariance, estimator._setup
+    x, p, setup = estimator.state_vector, estimator.covariance, estimator.setup
     assert setup is not None
     points = np.vstack([pipeline.push(samples[early:])[1], pipeline.flush()[1]])
     points = points[np.all(np.isfinite(points[:, CoefficientSample.MEASURED]), axis=1)]
@@ -113,7 +114,7 @@ def make_input(flight: SimulatedFlight, n: int) -> Input:
         measured=np.ascontiguousarray(points[repeat, CoefficientSample.MEASURED]),
         offsets=model.offsets,
         # every update makes three iterations, and none is rejected
-        setup=setup._replace(maximum_iterations=ITERATIONS, tolerance=0.0, gate=4 * (np.inf,)),
+        setup=replaced(setup, maximum_iterations=ITERATIONS, tolerance=0.0, gate=np.inf),
         x=x,
         p=p,
     )  # fmt: skip

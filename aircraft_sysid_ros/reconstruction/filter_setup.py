@@ -9,12 +9,12 @@ import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
 from aircraft_sysid_ros.aircraft.earth import gravity
-from aircraft_sysid_ros.aircraft.frames import three
 from aircraft_sysid_ros.aircraft.sensor_settings import SENSOR_GROUPS
 from aircraft_sysid_ros.aircraft.unsaid_places import doubt_of_vanes
 from aircraft_sysid_ros.reconstruction.options import StateOptions
 from aircraft_sysid_ros.reconstruction.sensor_noise import believed_variance
-from aircraft_sysid_ros.reconstruction.state import GUST_STD, NO_GUIDE, Gate, Setup
+from aircraft_sysid_ros.reconstruction.state import GUST_STD, NO_GUIDE, Setup
+from aircraft_sysid_ros.records import record, replaced
 from aircraft_sysid_ros.samples import Kind
 
 Array = npt.NDArray[np.float64]
@@ -51,12 +51,12 @@ def sensor_scales(aircraft: Aircraft) -> Array:
     return scales
 
 
-def gate_thresholds(sigma: float) -> Gate:
-    """Largest normalised innovation squared for 0 to 3 outputs, as probable as ``sigma`` in one output."""
+def gate_thresholds(sigma: float) -> Array:
+    """Largest normalised innovation squared (4,) for 0 to 3 outputs, as probable as ``sigma`` in one output."""
     outside = math.erfc(sigma / math.sqrt(2.0))
     if outside < _NEVER:
-        return 0.0, math.inf, math.inf, math.inf
-    return 0.0, sigma**2, -2.0 * math.log(outside), _beyond_of_three(sigma, outside) ** 2
+        return np.array([0.0, math.inf, math.inf, math.inf])
+    return np.array([0.0, sigma**2, -2.0 * math.log(outside), _beyond_of_three(sigma, outside) ** 2])
 
 
 def _beyond_of_three(sigma: float, outside: float) -> float:
@@ -72,9 +72,10 @@ def _beyond_of_three(sigma: float, outside: float) -> float:
     return r
 
 
-def with_options(setup: Setup, options: StateOptions, gate: Gate) -> Setup:
+def with_options(setup: Setup, options: StateOptions, gate: Array) -> Setup:
     """The setup with other options, of which ``gate`` is that of ``gate_thresholds``."""
-    return setup._replace(
+    return replaced(
+        setup,
         gate=gate,
         maximum_iterations=int(options.maximum_iterations),
         tolerance=float(options.tolerance),
@@ -98,7 +99,7 @@ def held_wind(options: StateOptions, guide: int) -> Array:
 def new_setup(
     aircraft: Aircraft,
     options: StateOptions,
-    gate: Gate,
+    gate: Array,
     origin: Array,
     imu: Array,
     guide: int = Kind.GPS_VELOCITY,
@@ -108,25 +109,27 @@ def new_setup(
 
     A latitude of NaN: no GPS shows the position, and the height is that of the static pressure.
     """
-    variance, given = np.ones((len(Kind), 3)), np.zeros(len(Kind), np.bool_)
+    variance, given = np.ones((len(Kind), 3)), np.zeros(len(Kind), np.int64)
     for kind, name in SENSOR_OF_KIND.items():
         variance[kind] = np.square(aircraft.sensors[name].noise)
         given[kind] = aircraft.sensors[name].noise_is_given
     declination = aircraft.magnetic_declination
-    return Setup(
+    of_imu = [aircraft.sensors[name].noise_is_given for name in ("accelerometer", "gyro")]
+    return record(
+        Setup,
         gravity=float(gravity(origin[0], origin[2])),
-        origin=three(origin),
-        imu_position=three(aircraft.imu_position),
-        gps_from_imu=three(aircraft.gps_position - aircraft.imu_position),
-        probe_from_imu=three(aircraft.air_data_position - aircraft.imu_position),
-        probe_doubt=three(doubt_of_vanes(aircraft)),
+        origin=origin,
+        imu_position=aircraft.imu_position,
+        gps_from_imu=aircraft.gps_position - aircraft.imu_position,
+        probe_from_imu=aircraft.air_data_position - aircraft.imu_position,
+        probe_doubt=doubt_of_vanes(aircraft),
         declination=np.nan if declination is None else float(declination),
         minimum_airspeed=float(aircraft.minimum_airspeed),
         variance=variance,
         given=given,
         accelerometer_variance=_imu_variance(aircraft, "accelerometer", float(imu[6])),
         gyro_variance=_imu_variance(aircraft, "gyro", float(imu[7])),
-        imu_given=(aircraft.sensors["accelerometer"].noise_is_given, aircraft.sensors["gyro"].noise_is_given),
+        imu_given=np.array(of_imu, np.int64),
         learns=learns,
         learns_wind=learns_wind(aircraft) and guide != NO_GUIDE and not options.calm_air,
         accelerometer_walk=float(aircraft.process_noise["accelerometer_bias"]),
@@ -138,7 +141,7 @@ def new_setup(
         maximum_gap=float(options.maximum_gap),
         divergence_time=float(options.divergence_time),
         guide=int(guide),
-        wind_std=three(held_wind(options, guide)),
+        wind_std=held_wind(options, guide),
         is_calm=bool(options.calm_air and guide != NO_GUIDE),
     )
 

@@ -120,7 +120,7 @@ def variance_of_place(kind: int, x: Array, rate: Array, setup: Setup) -> float:
 @njit(cache=True)
 def _gps(kind: int, values: Array, x: Array, rate: Array, setup: Setup, residual: Array, h: Array) -> int:
     w, i, j, k = attitude_of(x)
-    c, place = rotation(w, i, j, k), setup.gps_from_imu
+    c, place = rotation(w, i, j, k), three(setup.gps_from_imu)
     if kind == _GPS_POSITION:
         measured = three(values[GPS_NED])
         arm, block, state = place, D_POSITION, three(x[POSITION])

@@ -186,20 +186,22 @@ def run(
     start: int,
     x: Array,
     p: Array,
-    setup: Setup,
-    memory: Memory,
+    one_setup: npt.NDArray[np.void],
+    one_memory: npt.NDArray[np.void],
     rows: Array,
     tape: Array,
 ) -> tuple[int, int, int, int]:
     """Process samples ``start`` onward, up to the last IMU sample among them.
 
-    times (n,) [s] ascending, kinds (n,), values (n, WIDTH). The IMU input is interpolated between its samples
-    (``sparse_imu``), so that every measurement is fused at its own time. Writes rows (at most n, StateField.WIDTH), and
-    for a smoother every step of the integration to the tape (at most n, STEP_WIDTH; of length 0: off).
+    times (n,) [s] ascending, kinds (n,), values (n, WIDTH); arrays (1,) of the ``Setup`` and the ``Memory``. The IMU
+    input is interpolated between its samples (``sparse_imu``), so that every measurement is fused at its own time.
+    Writes rows (at most n, StateField.WIDTH), and for a smoother every step of the integration to the tape (at most n,
+    STEP_WIDTH; of length 0: off).
     Returns the index of the first sample that is not processed, the numbers of rows and of steps, and RUNNING,
     or GAP when the IMU was silent for longer than setup.maximum_gap before that sample, or DIVERGED when GPS and
     state contradict each other for long.
     """
+    setup, memory = one_setup[0], one_memory[0]
     count, steps, i, n = 0, 0, start, len(times)
     imu, mean, bend, density = memory.imu, np.empty(6), np.zeros(6), np.empty(2)
     force, rate, rate_now = mean[0:3], mean[3:6], np.empty(3)

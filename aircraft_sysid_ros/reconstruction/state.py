@@ -18,7 +18,6 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from aircraft_sysid_ros.aircraft.frames import Vector
 from aircraft_sysid_ros.estimation.iterated_ekf import working_size
 from aircraft_sysid_ros.reconstruction.sensor_noise import SCALE, new_channels, new_imu_noise
 from aircraft_sysid_ros.records import Record, record
@@ -170,40 +169,34 @@ def status_text(status: int, contradiction: int = 0) -> str:
 GUST_STD = np.array([3.0, 3.0, 1.5])
 
 
-Gate = tuple[float, float, float, float]
-
-
-class Setup(NamedTuple):
-    """What the jitted loop needs to know of aircraft and options; arrays and numbers only.
-
-    Vectors are tuples: arrays are counted at each call that the record is handed to.
-    """
+class Setup(Record):
+    """What the jitted loop needs to know of aircraft and options."""
 
     gravity: float  # [m/s^2]
-    origin: Vector  # latitude, longitude [rad], altitude [m]
-    imu_position: Vector  # FRD from the centre of gravity [m]
-    gps_from_imu: Vector
-    probe_from_imu: Vector
-    probe_doubt: Vector  # one sigma of where it is, by the aircraft file [m]
+    origin: npt.NDArray[np.float64]  # (3,) latitude, longitude [rad], altitude [m]
+    imu_position: npt.NDArray[np.float64]  # (3,) FRD from the centre of gravity [m]
+    gps_from_imu: npt.NDArray[np.float64]  # (3,)
+    probe_from_imu: npt.NDArray[np.float64]  # (3,)
+    probe_doubt: npt.NDArray[np.float64]  # (3,) one sigma of where it is, by the aircraft file [m]
     declination: float  # [rad], NaN: the magnetometer is not fused
     minimum_airspeed: float  # [m/s]
     variance: npt.NDArray[np.float64]  # (kinds, 3) of the measurement, from the aircraft file or its defaults
-    given: npt.NDArray[np.bool_]  # (kinds,) the aircraft file says it: goes before the message's covariance
+    given: npt.NDArray[np.int64]  # (kinds,) 1: the aircraft file says it, which goes before the message's covariance
     accelerometer_variance: float
     gyro_variance: float
-    imu_given: tuple[bool, bool]  # as ``given``, of accelerometer and gyro
+    imu_given: npt.NDArray[np.int64]  # (2,) as ``given``, of accelerometer and gyro
     learns: bool  # what the flight shows of its noise; False: it is as another run has learnt it
     learns_wind: bool  # the aircraft file says neither the random walk of the wind nor the noise of air data
     accelerometer_walk: float  # [m/s^2 per sqrt(s)]
     gyro_walk: float
     wind_walk: float  # at least; gusts raise it
-    gate: Gate  # largest normalised innovation squared for 1, 2, 3 outputs, by index
+    gate: npt.NDArray[np.float64]  # (4,) largest normalised innovation squared for 1, 2, 3 outputs, by index
     maximum_iterations: int
     tolerance: float
     maximum_gap: float  # [s] longest step between IMU samples that is still integrated
     divergence_time: float  # [s] of rejected GPS after which the state is given up
     guide: int  # kind of sample that shows the motion over ground: GPS_VELOCITY, else GPS_POSITION, else NO_GUIDE
-    wind_std: Vector  # NED [m/s] of a wind that is held about zero, NaN: it is free
+    wind_std: npt.NDArray[np.float64]  # (3,) NED [m/s] of a wind that is held about zero, NaN: it is free
     is_calm: bool  # and so in place of a measured airspeed
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -56,6 +56,7 @@ from aircraft_sysid_ros.reconstruction.state import (
 )
 from aircraft_sysid_ros.reconstruction.state_row import wind_jacobian, wind_of
 from aircraft_sysid_ros.reconstruction.stuck_sensors import StuckSensors
+from aircraft_sysid_ros.records import in_array
 from aircraft_sysid_ros.samples import (
     GPS_NED,
     SAME_FLIGHT,
@@ -161,13 +162,13 @@ class StateEstimator:
         self._wait = GpsWait()
         self._guide = int(Kind.GPS_VELOCITY)  # of the newest start
         self._held: tuple[Array, npt.NDArray[np.int64], Array] | None = None
-        self._setup: Setup | None = None  # known once there is an origin
+        self._one_setup: npt.NDArray[np.void] | None = None  # known once there is an origin
         self._odometer: Odometer | None = None  # from the origin on
         self._x = np.zeros(STATE_SIZE)
         self._p = np.zeros((ERROR_SIZE, ERROR_SIZE))
         self._aligned = False
         self._has_biases = False
-        self.memory: Memory = new_memory(len(Kind), aircraft.process_noise["wind"])
+        self._one_memory = in_array(new_memory(len(Kind), aircraft.process_noise["wind"]))
         self._learns = noise is None
         if noise is not None:
             take_noise(self.memory, noise, learns_wind(aircraft))
@@ -235,8 +236,8 @@ class StateEstimator:
         self.options = options
         self.order.change_horizon(options.horizon)
         self._gate = gate_thresholds(options.gate)
-        if self._setup is not None:
-            self._setup = with_options(self._setup, options, self._gate)
+        if self.setup is not None:
+            self._one_setup = in_array(with_options(self.setup, options, self._gate))
 
     def flush(self) -> Array:
         """Process what is still held, at the end of a recording."""
@@ -255,7 +256,7 @@ class StateEstimator:
         self._usable_before = self._usable()
         self.order.begin_anew()
         self._still = StuckSensors(self.aircraft.minimum_airspeed)
-        self._alignment, self._setup, self._held = self._new_alignment(9.80665), None, None
+        self._alignment, self._one_setup, self._held = self._new_alignment(9.80665), None, None
         self._odometer = None
         self._aligned = False
         self._wait.reconsider()
@@ -317,7 +318,12 @@ class StateEstimator:
     @property
     def setup(self) -> Setup | None:
         """What the filter was told of the aircraft; None before it has started."""
-        return self._setup
+        return None if self._one_setup is None else cast(Setup, self._one_setup[0])
+
+    @property
+    def memory(self) -> Memory:
+        """What the filter changes besides state and covariance."""
+        return cast(Memory, self._one_memory[0])
 
     @property
     def air_data_errors(self) -> dict[str, dict[str, float]]:
@@ -450,7 +456,7 @@ class StateEstimator:
             if not self._aligned:
                 times, kinds, values, at = self._align(times, kinds, values, at)
                 continue
-            assert self._setup is not None  # known from the first alignment on
+            assert self._one_setup is not None  # known from the first alignment on
             end = at + self._before_new_gps(kinds[at:])
             rows = np.full((int(np.sum(kinds[at:end] == Kind.IMU)), StateField.WIDTH), np.nan)
             tape = np.empty((0 if self.tape is None else end - at, STEP_WIDTH))
@@ -458,7 +464,7 @@ class StateEstimator:
             self.drift.note_states(times[at:end][kinds[at:end] == Kind.IMU], newest)
             shown = self.drift.without(times[:end], kinds[:end], values[:end])
             at, count, steps, state = run(
-                times[:end], kinds[:end], shown, at, self._x, self._p, self._setup, self.memory, rows, tape
+                times[:end], kinds[:end], shown, at, self._x, self._p, self._one_setup, self._one_memory, rows, tape
             )
             self.drift.count(times[begin:at], kinds[begin:at])
             if count:
@@ -466,7 +472,7 @@ class StateEstimator:
                 if self.watch is not None:
                     assert self.epoch is not None  # known from the first samples on
                     self.watch.mark(rows[:count], self.epoch)
-                if self._setup.guide == NO_GUIDE:
+                if self._one_setup["guide"][0] == NO_GUIDE:
                     without_wind(rows[:count])
                 self.last_row = rows[count - 1]
                 airborne = _newest_airborne(rows[:count])
@@ -540,9 +546,10 @@ class StateEstimator:
             self._wait.decided = GPS
             self._wait.forget()
         guide = self._guide = guide_of(self._wait.decided)
-        setup = self._setup
+        setup = self.setup
         if setup is None or setup.guide != guide or not np.array_equal(setup.origin, self._origin, equal_nan=True):
-            setup = self._setup = self._new_setup(imu, guide)
+            setup = self._new_setup(imu, guide)
+            self._one_setup = in_array(setup)
         self.memory.imu[0], self.memory.imu[1:7] = time, imu[:6]
         self.memory.imu_before[:] = -np.inf
         self.memory.last_fused[:] = time  # a sensor is lost only after it was given the time to speak

@@ -160,7 +160,7 @@ def _displaced(x: Array, first: int, c: Matrix, arm: Vector) -> Vector:
 
 
 @njit(cache=True)
-def write_state(row: Array, x: Array, p: Array, force: Array, rate: Array, imu: Vector) -> None:
+def write_state(row: Array, x: Array, p: Array, force: Array, rate: Array, imu: Array) -> None:
     """The columns that follow from state and covariance; the others are left as they are. ``imu``: its position."""
     to_cg = -imu[0], -imu[1], -imu[2]
     v = air_velocity_at(x, rate, to_cg)

@@ -33,6 +33,7 @@ from aircraft_sysid_ros.reconstruction.state import (
 )
 from aircraft_sysid_ros.reconstruction.state_estimator import StateEstimator
 from aircraft_sysid_ros.reconstruction.state_row import wind_jacobian, wind_of
+from aircraft_sysid_ros.records import replaced
 from aircraft_sysid_ros.samples import WIDTH, Kind
 from aircraft_sysid_ros.sensors.instrument_errors import OutputErrors
 from aircraft_sysid_ros.simulation.calibration_flight import calibration_flight, drawn_errors
@@ -186,7 +187,7 @@ def test_straight_flight_tells_nothing_of_the_scale():
     rng, values, memory = np.random.default_rng(3), np.zeros(WIDTH), new_memory(len(Kind), 0.1)
     plain = StateEstimator(load_aircraft(config_path(DEFAULT_AIRCRAFT)))
     plain._alignment.origin = np.zeros(3)
-    made = plain._new_setup(np.full(WIDTH, np.nan))._replace(probe_from_imu=(0.0, 0.0, 0.0))
+    made = replaced(plain._new_setup(np.full(WIDTH, np.nan)), probe_from_imu=0.0)
     for _ in range(250):
         p[15:18, 15:18] += 0.02 * np.eye(3)  # what a wind that walks adds
         values[0] = 20.0 + rng.normal(0.0, 0.3)

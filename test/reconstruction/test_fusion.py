@@ -22,6 +22,7 @@ from aircraft_sysid_ros.reconstruction.fusion import fuse
 from aircraft_sysid_ros.reconstruction.measurements import residual_and_jacobian
 from aircraft_sysid_ros.reconstruction.options import StateOptions
 from aircraft_sysid_ros.reconstruction.state import AIR_VELOCITY, ATTITUDE, ERROR_SIZE, STATE_SIZE, Setup, new_memory
+from aircraft_sysid_ros.records import replaced
 from aircraft_sysid_ros.samples import WIDTH, Kind
 
 RATE = np.array([0.3, -0.2, 0.5])
@@ -31,7 +32,7 @@ NONLINEAR = [Kind.AIRSPEED, Kind.ANGLE_OF_ATTACK, Kind.SIDESLIP, Kind.MAGNETIC_F
 @pytest.fixture(scope="module")
 def setup(aircraft) -> Setup:
     """As in flight, with a gate that lets everything through."""
-    return setup_of(aircraft)._replace(gate=(np.inf,) * 4)
+    return replaced(setup_of(aircraft), gate=np.inf)
 
 
 def prior() -> tuple[np.ndarray, np.ndarray]:
@@ -58,7 +59,7 @@ def updated(kind: Kind, setup: Setup, cap: int, tolerance: float = 0.0) -> tuple
     x, p = prior()
     values = measured(kind, x)
     memory = new_memory(len(Kind), setup.wind_walk)
-    fuse(int(kind), values, x, p, RATE, 1.0, setup._replace(maximum_iterations=cap, tolerance=tolerance), memory)
+    fuse(int(kind), values, x, p, RATE, 1.0, replaced(setup, maximum_iterations=cap, tolerance=tolerance), memory)
     assert memory.fused[kind] == 1 and memory.last_fused[kind] == 1.0
     return x, p
 

@@ -20,6 +20,7 @@ from aircraft_sysid_ros.reconstruction.measurements import residual_and_jacobian
 from aircraft_sysid_ros.reconstruction.process import add_process_noise, propagate_state, transition_matrix
 from aircraft_sysid_ros.reconstruction.state import ATTITUDE, ERROR_SIZE, STATE_SIZE, Setup
 from aircraft_sysid_ros.reconstruction.state_row import wind_jacobian, wind_of
+from aircraft_sysid_ros.records import replaced
 from aircraft_sysid_ros.samples import GPS_NED, WIDTH, Kind
 
 GRAVITY = 9.81
@@ -122,7 +123,7 @@ def test_process_noise_is_what_noisy_inputs_do(setup: Setup) -> None:
     """Sample covariance of propagation with noisy IMU samples against the noise matrix."""
     x, dt = random_state(4, 0.1), 0.01
     force, rate = np.array([1.0, -2.0, -9.0]), np.array([0.5, -0.2, 0.3])
-    quiet = setup._replace(accelerometer_walk=0.0, gyro_walk=0.0, wind_walk=0.0)
+    quiet = replaced(setup, accelerometer_walk=0.0, gyro_walk=0.0, wind_walk=0.0)
     end = x.copy()
     propagate_state(end, force, rate, dt, GRAVITY)
     random = np.random.default_rng(0)

@@ -12,6 +12,7 @@ from aircraft_sysid_ros.aircraft.frames import quaternion_from_euler
 from aircraft_sysid_ros.pipeline import Pipeline
 from aircraft_sysid_ros.reconstruction.measurements import residual_and_jacobian, variance_of_place
 from aircraft_sysid_ros.reconstruction.state import AIR_VELOCITY, ATTITUDE, ERROR_SIZE, STATE_SIZE
+from aircraft_sysid_ros.records import replaced
 from aircraft_sysid_ros.samples import WIDTH, Kind
 from aircraft_sysid_ros.simulation.simulated_flight import simulate_samples
 
@@ -33,7 +34,7 @@ def test_the_variance_is_that_of_vanes_elsewhere(aircraft: Aircraft, kind: Kind)
 
     def innovation(place: np.ndarray) -> float:
         residual, h = np.empty(1), np.empty((1, ERROR_SIZE))
-        moved = setup._replace(probe_from_imu=tuple(map(float, place)))
+        moved = replaced(setup, probe_from_imu=place)
         residual_and_jacobian(int(kind), values, state(), RATE, moved, residual, h)
         return float(residual[0])
 
