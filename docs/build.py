@@ -771,6 +771,7 @@ TABLES: dict[str, Callable[[], str]] = {
     "polar_seaway": lambda: table(*polar_tables.seaway(load("polar_seaway"))),
     "faults": faults,
     "faults_now": lambda: faults("faults_now"),
+    "small_airspeed_error": lambda: table(*trust_tables.small_airspeed_error(load_lines("small_airspeed_error"))),
     "airspeed_faults": lambda: table(*trust_tables.airspeed_faults(load_lines("airspeed_faults"))),
     "stalls_in_flight": lambda: table(*trust_tables.stalls_in_flight(load("stalls_in_flight"))),
     "use_audit": lambda: table(*trust_tables.use_audit(load("use_audit"))),

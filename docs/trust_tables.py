@@ -143,6 +143,21 @@ def airspeed_faults(found: list[dict[str, Any]]) -> Table:
     return header, rows
 
 
+def small_airspeed_error(found: list[dict[str, Any]]) -> Table:
+    """Airspeeds that are off by a few per cent: said in flight, told after it, and how well they are known."""
+    rows = []
+    for one in found:
+        flights = one["flights"]
+        ranges = sorted(flight["range"] for flight in flights)
+        rows.append([
+            f"{one['speed']:.0f} m/s", f"{100 * one['error']:+.0f} %" if one["error"] else "none", str(len(flights)),
+            *(str(sum(flight[key] for flight in flights)) for key in ("in_flight", "told", "within")),
+            f"{100 * ranges[len(ranges) // 2]:.0f} %",
+        ])  # fmt: skip
+    header = ["speed", "error", "flights", "named in flight", "told after it", "in its range", "range, median"]
+    return header, rows
+
+
 def use_audit(found: dict[str, Any]) -> Table:
     """Values in USE against the truth, by what was drawn; without what is in doubt of the sensors, and as it is."""
     rows = []

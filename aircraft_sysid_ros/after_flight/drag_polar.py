@@ -23,7 +23,7 @@ from scipy.ndimage import gaussian_filter1d
 from scipy.special import stdtrit
 
 from aircraft_sysid_ros.after_flight.recorded_mass import recorded_mass
-from aircraft_sysid_ros.aircraft.atmosphere import GAS_CONSTANT, STANDARD_GRAVITY, air_density, temperature_at
+from aircraft_sysid_ros.aircraft.atmosphere import STANDARD_GRAVITY, air_density, density_at
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
 from aircraft_sysid_ros.diagnosis.model_versions.versions import folder_to_write, open_run
 from aircraft_sysid_ros.errors import InputError, echo
@@ -230,7 +230,7 @@ def _density(part: Samples, at: Array) -> Array:
     if np.isfinite(density).any():
         return density
     if np.isfinite(pressure).any():
-        return np.asarray(pressure / (GAS_CONSTANT * temperature_at(pressure)))
+        return np.asarray(density_at(pressure))
     return np.full(len(at), air_density(float(np.nanmedian(_smooth(part, Kind.GPS_POSITION, 2, at)))))
 
 

@@ -55,6 +55,18 @@ def temperature_at(static_pressure: Any) -> Any:
 
 
 @register_jitable
+def density_of(static_pressure: Any, temperature: Any) -> Any:
+    """Density [kg/m^3] of dry air of that static pressure [Pa] and temperature [K], scalar or array."""
+    return static_pressure / (GAS_CONSTANT * temperature)
+
+
+@register_jitable
+def density_at(static_pressure: Any) -> Any:
+    """Standard density [kg/m^3] below the tropopause where the static pressure [Pa] is that, scalar or array."""
+    return density_of(static_pressure, temperature_at(static_pressure))
+
+
+@register_jitable
 def altitude_at(static_pressure: Any) -> Any:
     """Altitude [m] below the tropopause where the static pressure [Pa] is that, scalar or array."""
     return SEA_LEVEL_TEMPERATURE / LAPSE_RATE * (1.0 - (static_pressure / SEA_LEVEL_PRESSURE) ** _LAPSE)
@@ -63,7 +75,7 @@ def altitude_at(static_pressure: Any) -> Any:
 @njit(cache=True)
 def air_density(altitude: float) -> float:
     """Standard density [kg/m^3] at altitude [m]."""
-    return pressure(altitude) / (GAS_CONSTANT * temperature(altitude))
+    return density_of(pressure(altitude), temperature(altitude))
 
 
 @njit(cache=True)

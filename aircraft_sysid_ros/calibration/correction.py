@@ -12,7 +12,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from aircraft_sysid_ros.aircraft.atmosphere import GAS_CONSTANT, temperature_at
+from aircraft_sysid_ros.aircraft.atmosphere import density_at
 from aircraft_sysid_ros.aircraft.frames import euler_from_quaternion, quaternion_from_euler
 from aircraft_sysid_ros.calibration import compatibility, five_hole_probe
 from aircraft_sysid_ros.calibration.calibration_file import Calibration, magnetic_matrix
@@ -109,7 +109,7 @@ def flow_of_pressures(pressures: Array, probe: Array) -> Array:
         static, impact = pressures[i, 0], pressures[i, 1] - probe[9]
         if not (static > 0.0 and np.isfinite(impact)):
             continue
-        density = static / (GAS_CONSTANT * temperature_at(static))
+        density = density_at(static)
         speed = (1.0 + probe[0]) * np.sqrt(2.0 * max(impact, 0.0) / density) + probe[1]
         out[i, 0] = max(speed, 0.0)
         if not impact > 0.0:

@@ -25,7 +25,7 @@ from typing import Any, Protocol
 import numpy as np
 import numpy.typing as npt
 
-from aircraft_sysid_ros.aircraft.atmosphere import GAS_CONSTANT, temperature_at
+from aircraft_sysid_ros.aircraft.atmosphere import density_at
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
 from aircraft_sysid_ros.calibration.navigation import (
     Grid,
@@ -209,11 +209,6 @@ def _direction_gradient(alpha: Array, beta: Array) -> tuple[Array, Array]:
     return by_alpha, by_beta
 
 
-def density_of(static_pressure: Array) -> Array:
-    """Density [kg/m^3] at a static pressure [Pa] in the standard atmosphere below the tropopause."""
-    return np.asarray(static_pressure / (GAS_CONSTANT * temperature_at(static_pressure)))
-
-
 @dataclass(frozen=True)
 class ProbeFlight:
     """The data of a flight for this calibration, its grid, what was flown, and the zeros (3,) [Pa] of the pressures."""
@@ -344,7 +339,7 @@ def angle_noise(
     time: Array, pressures: Array, zeros: Array, aircraft: Aircraft, sensitivity: tuple[float, float], step: float
 ) -> float:
     """One sigma [rad] of the angles in a bin, the larger of both, from third differences of their samples in flight."""
-    lowest = 0.5 * density_of(np.array([101325.0]))[0] * (0.5 * aircraft.minimum_airspeed) ** 2
+    lowest = 0.5 * density_at(101325.0) * (0.5 * aircraft.minimum_airspeed) ** 2
     flow = pressures[:, 1] - zeros[0] > lowest
     impact = pressures[flow, 1] - zeros[0]
     angles = [(pressures[flow, 2 + i] - zeros[1 + i]) / (sensitivity[i] * impact) for i in (0, 1)]
@@ -362,7 +357,7 @@ def is_flying(navigation: Navigation, data: ProbeData, aircraft: Aircraft) -> np
 
 def probe_data(navigation: Navigation, pressure: Array, arm: Array, sensitivity: tuple[float, float]) -> ProbeData:
     """Data of (40) from pressures (n, 4) [Pa], static and the three differences without their zeros."""
-    density = density_of(np.where(pressure[:, 0] > 0.0, pressure[:, 0], np.nan))
+    density = density_at(np.where(pressure[:, 0] > 0.0, pressure[:, 0], np.nan))
     impact = np.where(pressure[:, 1] > 0.0, pressure[:, 1], np.nan)
     return ProbeData(
         navigation.velocity,

@@ -17,8 +17,9 @@ of that one look in 4 000.
 
 The scale may have changed meanwhile. Of times that are asked, those where the errors leap and every EVERY seconds, the
 one is taken that leaves least, if that is less by CHANGE (twice the logarithm of a likelihood ratio); the wind may leap
-with it (LEAP), since a front does, so that a leap alone is no scale. It is right again where the other bound says, by
-RIGHT standard errors, that it is nearer to 1 than to what it was.
+with it (LEAP), since a front does, so that a leap alone is no scale. That time is the best of many, and the standard
+error does not count the choice: a change is said when two looks in a row prove it. It is right again where the other
+bound says, by RIGHT standard errors, that it is nearer to 1 than to what it was.
 
 Less than TOLERANCE holds nothing. At the end of a flight it is told where both bounds are on one side of 1 by SMALL and
 SURE standard errors: forces and wind are off with it, and no standard error of theirs counts that.
@@ -329,6 +330,7 @@ class WindTriangle:
         self._flown = np.zeros((0, _WIDTH))
         self._next: int | None = None  # second [s] that is not done yet
         self._begin = np.nan  # [s] of the first second in flight
+        self._was_too_large: bool | None = None  # as the look before proved; None: it did not
 
     @property
     def is_wrong(self) -> bool:
@@ -417,8 +419,10 @@ class WindTriangle:
         is_proven = found is low or 1.0 - TOLERANCE - high[0] > SURE * high[1]
         now, since = (float(self._flown[i, _TIME] - self._begin) for i in (-1, found[2]))
         if not self.is_wrong:
-            if is_proven:
+            was_too_large, self._was_too_large = self._was_too_large, found[0] > 1.0 if is_proven else None
+            if is_proven and (found[2] == 0 or self._was_too_large is was_too_large):
                 self.readings.append(Reading(found[0], found[1], since))
+                self._was_too_large = None
             return
         was = self.readings[-1]
         between = 0.5 * (1.0 + was.scale)

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from aircraft_sysid_ros.aircraft.atmosphere import GAS_CONSTANT, temperature_at
+from aircraft_sysid_ros.aircraft.atmosphere import density_of, temperature_at
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.mavlink.airspeed import (
     standard_pressure,
@@ -317,7 +317,7 @@ class Assembler:
         self, stamp: Stamps, true: Array, rows: npt.NDArray[np.bool_], pressure: Array, temperature: Array, source: str
     ) -> Output:
         """Air data of an airspeed (n,) with the air that it was worked out with."""
-        density = pressure / (GAS_CONSTANT * temperature)
+        density = density_of(pressure, temperature)
         fields = {"true_airspeed": true, "static_pressure": pressure, "air_density": density}
         return Output("air_data", stamp[rows], _air_data(**{k: v[rows] for k, v in fields.items()}), source)
 
@@ -337,7 +337,7 @@ class Assembler:
             alone = ~self._has_airspeed_sensor(reading.stamp)
         stamp, pressure = reading.stamp[alone], reading.values[alone, 0]
         _, temperature = self._air(stamp)
-        fields = _air_data(static_pressure=pressure, air_density=pressure / (GAS_CONSTANT * temperature))
+        fields = _air_data(static_pressure=pressure, air_density=density_of(pressure, temperature))
         return Output("air_data", stamp, fields, reading.source)
 
     def _angle(self, reading: Reading) -> Output | None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from aircraft_sysid_ros.aircraft.atmosphere import GAS_CONSTANT, temperature
+from aircraft_sysid_ros.aircraft.atmosphere import density_of, temperature
 from aircraft_sysid_ros.aircraft.frames import three
 from aircraft_sysid_ros.kernels import njit
 from aircraft_sysid_ros.reconstruction.air_data_errors import settle
@@ -59,7 +59,7 @@ def _take(kind: int, values: Array, x: Array, p: Array, rate: Array, time: float
         if values[0] > 0.0:
             memory.air[0] = values[0]
         elif values[1] > 0.0:
-            memory.air[0] = values[1] / (GAS_CONSTANT * temperature(setup.origin[2] - x[5]))
+            memory.air[0] = density_of(values[1], temperature(setup.origin[2] - x[5]))
         if np.isnan(setup.origin[0]) and values[1] > 0.0:  # nothing else shows the height
             fuse(kind, values, x, p, rate, time, setup, memory)
         return

@@ -27,6 +27,7 @@ from aircraft_sysid_ros.aircraft.atmosphere import (
     SEA_LEVEL_PRESSURE,
     SEA_LEVEL_TEMPERATURE,
     STANDARD_GRAVITY,
+    density_of,
 )
 from aircraft_sysid_ros.recordings.imported_log import Array, ImportedLog, ImportedTopic, gps_seconds, stamps
 from aircraft_sysid_ros.ros_messages.conversion import (
@@ -113,7 +114,7 @@ def density_above(pressure: float, temperature: float, height: Array) -> Array:
     """Density [kg/m^3] (n,) at ``height`` [m] (n,) above a place of that pressure [Pa], temperature [K]."""
     cooler = temperature - LAPSE_RATE * height
     aloft = pressure * (cooler / temperature) ** (STANDARD_GRAVITY / (GAS_CONSTANT * LAPSE_RATE))
-    return aloft / (GAS_CONSTANT * cooler)
+    return density_of(aloft, cooler)
 
 
 def _table(content: dict[str, Any], name: str) -> Rows:

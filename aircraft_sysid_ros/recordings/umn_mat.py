@@ -34,7 +34,7 @@ from typing import Any
 
 import numpy as np
 
-from aircraft_sysid_ros.aircraft.atmosphere import GAS_CONSTANT, temperature_at
+from aircraft_sysid_ros.aircraft.atmosphere import density_at
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.recordings.imported_log import Array, ImportedLog, ImportedTopic, gps_seconds, stamps
 from aircraft_sysid_ros.ros_messages.conversion import (
@@ -147,7 +147,7 @@ def _air(data: Any, start: float) -> list[ImportedTopic]:
 
 def air_data(static: Array, dynamic: Array, alpha_pressure: Array, beta_pressure: Array) -> dict[str, Array]:
     """Fields of AirData (n,) from pressures (n,) [Pa] without their zeros, by the firmware's calibration."""
-    density = static / (GAS_CONSTANT * temperature_at(static))
+    density = density_at(static)
     flow = np.where(dynamic >= MINIMUM_DYNAMIC_PRESSURE, dynamic, np.nan)
     return {
         "true_airspeed": np.sqrt(2.0 * np.maximum(dynamic, 0.0) / density),

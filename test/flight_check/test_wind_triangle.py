@@ -16,41 +16,14 @@ from aircraft_sysid_ros.flight_check.wind_triangle import SURE, TOLERANCE, WindT
 from aircraft_sysid_ros.identification.trust import Trust
 from aircraft_sysid_ros.pipeline import Pipeline
 from aircraft_sysid_ros.reconstruction.state import CONTRADICTED, StateField, Status
-from aircraft_sysid_ros.samples import Kind, concatenate, samples_of
+from aircraft_sysid_ros.samples import Kind
 from aircraft_sysid_ros.simulation.simulated_flight import default_aircraft, simulate_samples
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
 from fault_kinds import KINDS
+from turning_point import SECOND, START, flown
 
-SECOND = 1_000_000_000
-START = 1_700_000_000 * SECOND + 123_456_789
 AIRSPEED_CODE = next(code for code, sensor in CONTRADICTED.items() if sensor == "airspeed")
-
-
-def flown(seed, duration=240.0, scale=np.ones_like, turn=10.0, gust=0.5, climb=0.0, front=0.0, speed=18.0):
-    """Samples of GPS at 5 Hz and airspeed at 20 Hz: circles of ``turn`` [deg/s], every other minute straight.
-
-    The wind wanders, shears with height (``climb`` [m/s]), has gusts and a ``front`` [m/s] in the middle; gusts are in
-    the airspeed at once, and by and by in the speed over ground, since the airspeed is held.
-    """
-    rng = np.random.default_rng(seed)
-    time = np.arange(0.0, duration, 0.05)
-    course = np.cumsum(np.radians(turn) * (time % 60.0 < 40.0)) * 0.05 + rng.uniform(0.0, 6.0)
-    slow = np.cumsum(rng.normal(0.0, 0.1 * np.sqrt(0.05), (len(time), 2)), axis=0) + rng.normal(0.0, 4.0, 2)
-    slow += np.outer(climb * time, [0.02, -0.01]) + front * np.outer(time > duration / 2.0, [0.8, 0.6])
-    gusts, along = np.zeros(len(time)), np.zeros(len(time))
-    for i in range(1, len(time)):
-        gusts[i] = gusts[i - 1] * (1.0 - 0.05 / 15.0) + gust * np.sqrt(0.1 / 15.0) * rng.normal()
-        along[i] = along[i - 1] + 0.05 / 10.0 * (gusts[i] - along[i - 1])  # of the gust, what the aeroplane follows
-    still = speed + 1.5 * np.sin(2.0 * np.pi * time / 70.0)
-    heading = np.column_stack([np.cos(course), np.sin(course)])
-    airspeed = still + gusts - along  # against the air: a gust from ahead is more at once
-    velocity = np.column_stack([heading * (still - along)[:, None] + slow, np.full(len(time), -climb)])
-    shown = scale(time) * np.sqrt(airspeed**2 + climb**2) + 0.3 * rng.normal(size=len(time))
-    stamps = START + np.rint(time * SECOND).astype(np.int64)
-    fixes = velocity[::4] + 0.1 * rng.normal(size=(len(time[::4]), 3))
-    both = concatenate([samples_of(Kind.AIRSPEED, stamps, shown), samples_of(Kind.GPS_VELOCITY, stamps[::4], fixes)])
-    return both[np.argsort(both.stamp, kind="stable")]
 
 
 def watched(samples):

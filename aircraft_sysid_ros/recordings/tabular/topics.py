@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft import earth
-from aircraft_sysid_ros.aircraft.atmosphere import GAS_CONSTANT, temperature_at
+from aircraft_sysid_ros.aircraft.atmosphere import density_of, temperature_at
 from aircraft_sysid_ros.aircraft.sensor_settings import DEFAULT_SENSORS
 from aircraft_sysid_ros.mavlink.airspeed import standard_pressure, true_airspeed, true_of_impact_pressure
 from aircraft_sysid_ros.recordings.tabular.clock import Stamps
@@ -309,7 +309,7 @@ class Plan:
             parts["static_pressure"] = stamp, standard_pressure(height)
         if self._makes_density():
             stamp, pressure = parts["static_pressure"]
-            parts["air_density"] = stamp, pressure / (GAS_CONSTANT * self._air_temperature(stamp))
+            parts["air_density"] = stamp, density_of(pressure, self._air_temperature(stamp))
         if not parts:
             return None
         stamps = np.unique(np.concatenate([stamp for stamp, _ in parts.values()]))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from aircraft_sysid_ros.aircraft.atmosphere import GAS_CONSTANT, temperature_at
+from aircraft_sysid_ros.aircraft.atmosphere import GAS_CONSTANT, density_at, temperature_at
 from aircraft_sysid_ros.recordings.tabular.guess.flight_columns import (
     SLOW_SECONDS,
     Flight,
@@ -124,5 +124,5 @@ def standard_density(f: Flight) -> float | None:
     """Density [kg/m^3] of the pressure, if it is known."""
     if f.known("static_pressure"):
         pressure = float(np.nanmedian(f.si("static_pressure")))
-        return pressure / (GAS_CONSTANT * float(temperature_at(pressure)))
+        return float(density_at(pressure))
     return None
