@@ -23,7 +23,7 @@ from aircraft_sysid_ros.identification.estimators.contract import Estimator
 from aircraft_sysid_ros.identification.estimators.recursive_least_squares import RlsState
 from aircraft_sysid_ros.identification.history import Carry
 from aircraft_sysid_ros.identification.learning import STALE, Learning
-from aircraft_sysid_ros.identification.monitoring.error_window import AxisError, model_errors
+from aircraft_sysid_ros.identification.monitoring.error_window import AxisError, model_errors, samples_apart
 from aircraft_sysid_ros.identification.options import ParameterOptions, check_change
 from aircraft_sysid_ros.identification.parameter_set import ParameterSet
 from aircraft_sysid_ros.identification.physical_bounds import check_bounds
@@ -193,7 +193,9 @@ class Identifier:
 
     def model_error(self) -> list[AxisError]:
         """Measured against predicted coefficients over the sliding window."""
-        return model_errors(self.learning.history.newest())
+        apart = samples_apart(self.options.step, self.options.half_width)
+        over_noise = self.learning.integrity.errors.monitor.fits()[:, 1]
+        return model_errors(self.learning.history.newest(), apart, over_noise.tolist())
 
     def _no_samples(self) -> Array:
         return np.empty((0, self.learning.columns))

@@ -84,7 +84,8 @@ class ModelServices:
         self.memory.clear()
         self._due, self._verdict = -np.inf, ""
         self._is_stale = self._worker is not None and self._worker.busy
-        self._publish({"model": self._node.estimator.model.identifier, "verdict": "none", "advice": _FORGOTTEN})
+        self._stamp = self._stamp or self._node.get_clock().now().nanoseconds
+        self._publish({"model": self._node.estimator.model.identifier, "verdict": "", "advice": _FORGOTTEN})
 
     def use(self, options: DiagnosisOptions) -> None:
         """Search with other options from the next search on; a period that is set begins with a search."""

@@ -17,6 +17,9 @@ TRUST = {0: ("USE", OK), 1: ("HOLD", WARN), 2: ("REJECT", ERROR)}
 #: What AircraftState.status says where nothing is wrong, and where the aeroplane flies with less than it could.
 _WAITING, _FINE = 0, (1,)
 _DEGREES = 180.0 / math.pi
+_IMU = "imu"
+#: Of each kind of sample in the diagnostics of the first step: [Hz], [s].
+_PACE = ("rate", "largest_gap")
 
 
 @dataclass(frozen=True)
@@ -51,7 +54,9 @@ def state_leaf(state: Any) -> Leaf:
 def sensor_leaves(values: Mapping[str, str], before: Mapping[str, str]) -> list[Leaf]:
     """Of two diagnostics of `state_estimator`, newer and older: which sensors come, and what becomes of samples."""
     kinds = sorted(name.removesuffix(".received") for name in values if name.endswith(".received"))
-    found = []
+    found = (
+        [] if _IMU in kinds else [Leaf(f"sensors/{_IMU}", STALE, "nothing has come, and without it there is no state")]
+    )
     for kind in kinds:
         counts = {
             name: _whole(values, f"{kind}.{name}")
@@ -66,7 +71,9 @@ def sensor_leaves(values: Mapping[str, str], before: Mapping[str, str]) -> list[
             if wrong and 2 * sum(wrong.values()) > news["received"]:
                 told = ", ".join(f"{count} {name}" for name, count in wrong.items())
                 level, message = WARN, f"of {news['received']} samples: {told}"
-        found.append(Leaf(f"sensors/{kind}", level, message, {k: str(v) for k, v in counts.items() if v}))
+        shown = {name: str(count) for name, count in counts.items() if count}
+        shown |= {name: values[key] for name in _PACE if (key := f"{kind}.{name}") in values}
+        found.append(Leaf(f"sensors/{kind}", level, message, shown))
     return found
 
 
@@ -103,8 +110,12 @@ def missing_leaf(missing: Any) -> Leaf:
         candidate.effect or candidate.expression: f"error {candidate.error_before:.3f} -> {candidate.error_after:.3f}"
         for candidate in missing.candidates
     }
-    level = OK if missing.verdict == "none" else WARN
-    words = {"none": "nothing seems to be missing", "unexplained": "something is missing that no effect explains"}
+    level = OK if missing.verdict in ("", "none") else WARN
+    words = {
+        "": "not looked for yet",
+        "none": "nothing seems to be missing",
+        "unexplained": "something is missing that no effect explains",
+    }
     first = next(iter(values), "")
     return Leaf("missing effects", level, words.get(missing.verdict, f"missing: {first}"), values)
 

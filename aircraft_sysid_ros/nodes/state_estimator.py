@@ -20,6 +20,7 @@ from aircraft_sysid_ros.flight_check.in_flight import watch_of
 from aircraft_sysid_ros.nodes import common
 from aircraft_sysid_ros.nodes.estimator_node import PROBE_TOPIC, EstimatorNode
 from aircraft_sysid_ros.nodes.options import NodeOption, When, node_options, options_from
+from aircraft_sysid_ros.nodes.pace import Pace
 from aircraft_sysid_ros.reconstruction.found_noise import found_noise, found_wind_walk
 from aircraft_sysid_ros.reconstruction.options import StateOptions
 from aircraft_sysid_ros.reconstruction.state import STATUS_TEXT, StateField, status_text
@@ -36,7 +37,8 @@ from aircraft_sysid_ros.ros_messages.output_messages import (
 )
 from aircraft_sysid_ros.samples import Kind, Samples, concatenate
 
-INPUTS = ("imu/data", "imu/mag", "gps/fix", "gps/vel", "air_data")
+IMU_TOPIC = "imu/data"
+INPUTS = (IMU_TOPIC, "imu/mag", "gps/fix", "gps/vel", "air_data")
 #: Heard by the check between sensors alone: what moves the surfaces; kept by the second step.
 CONTROLS_TOPIC = "control_surfaces"
 #: Type of /tf; its package is no requirement.
@@ -76,10 +78,12 @@ class StateEstimatorNode(EstimatorNode):
     def __init__(self, **arguments: Any) -> None:
         super().__init__("state_estimator", INPUTS, OPTIONS, **arguments)
         self.rows_published = 0
+        self._has_told = False  # of this flight, that the first state is there
         self.on_rows: Callable[[Any], None] | None = None  # `live --out` keeps the rows for the run folder
         self.on_samples: Callable[[Any], None] | None = None  # and the samples
         self.on_states: Callable[[Any, Any], None] | None = None  # rows and stamps [ns], after they were published
         self._waiting: list[Samples] = []
+        self._pace = Pace()
         self._pushed_until = 0  # newest IMU stamp [ns] at the last push
 
     def make_estimator(self, aircraft: Aircraft, values: Mapping[str, Any]) -> StateEstimator:
@@ -88,6 +92,7 @@ class StateEstimatorNode(EstimatorNode):
         moved = (CONTROLS_TOPIC, INPUTS_TOPIC) if aircraft.inputs else (CONTROLS_TOPIC,)
         self.received = dict.fromkeys(INPUTS + probe + moved, 0)
         self._waiting.clear()
+        self._pace, self._has_told = Pace(), False
         warm_up(aircraft)
         in_flight.warm_up()
         return self._started(aircraft, options_from(StateOptions, values))
@@ -122,6 +127,7 @@ class StateEstimatorNode(EstimatorNode):
         if self.correction is not None:
             samples = [left for part in samples if len(left := self.correction.apply(part))]
         self._waiting.extend(samples)
+        self._pace.add(samples)
         newest = int(samples[0].stamp[0]) if samples and samples[0].kind[0] == Kind.IMU else self._pushed_until
         period = TOGETHER * self.estimator.options.horizon * common.NANOSECONDS
         is_due = newest != self._pushed_until and not 0 <= newest - self._pushed_until < period  # or the clock leapt
@@ -152,6 +158,7 @@ class StateEstimatorNode(EstimatorNode):
         values: dict[str, Any] = {}
         for kind, counts in self.estimator.counts().items():
             values.update({f"{kind}.{name}": n for name, n in counts.items() if n})
+        values |= self._pace.read()
         for each in found_noise(self.estimator):
             values[f"noise.{each.name}"] = f"{' '.join(f'{value:.3g}' for value in each.in_use)} ({each.source})"
         walk, source = found_wind_walk(self.estimator)
@@ -160,8 +167,18 @@ class StateEstimatorNode(EstimatorNode):
         order = self.estimator.order.counts
         values["restarts"] = order.restarts
         values["state_listeners"] = self._state_publisher.get_subscription_count()
-        words = [*self.check.words, order.stamps_in_words, order.gps_in_words, STATUS_TEXT[self.estimator.status]]
+        status = self._silence_in_words() or STATUS_TEXT[self.estimator.status]
+        words = [*self.check.words, order.stamps_in_words, order.gps_in_words, status]
         return "; ".join(filter(None, words)), values
+
+    def _silence_in_words(self) -> str:
+        """That the IMU, without which there is no state, has never come; empty: it has."""
+        silent = next((heard for heard in self.inputs if heard.topic == IMU_TOPIC), None)
+        if silent is None or self.received[IMU_TOPIC]:
+            return ""
+        topic = silent.subscription.topic_name
+        nobody = "which nobody publishes: check its name and the remaps" if not self.count_publishers(topic) else ""
+        return f"no IMU has come on {topic}" + (f", {nobody}" if nobody else "")
 
     def _push(self) -> None:
         waiting, self._waiting = concatenate(self._waiting), []
@@ -178,7 +195,8 @@ class StateEstimatorNode(EstimatorNode):
     def _publish(self, rows: Any) -> None:
         if not len(rows):
             return
-        if not self.rows_published:
+        if not self._has_told:
+            self._has_told = True
             self.get_logger().info("the first state is there")
         self.rows_published += len(rows)
         if self.on_rows is not None:

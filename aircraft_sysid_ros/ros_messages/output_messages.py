@@ -164,6 +164,7 @@ def model_error_content(model: str, window: float, errors: list[AxisError]) -> d
                 "residual_rms": e.residual_rms,
                 "lag_one_correlation": e.lag_one_correlation,
                 "white": e.white,
+                "over_noise": e.over_noise,
             }
             for e in errors
         ],

@@ -55,18 +55,22 @@ class Errors:
             self._show(row, top, before.get(row.axis))
 
     def _show(self, row: AxisRow, top: float, was: float | None) -> None:
-        parts, known = self._rows[row.axis], row.held_out is not None and row.floor is not None
-        for part in ("track", "fill", "tick", "error", "noise"):
+        parts, known = self._rows[row.axis], row.held_out is not None
+        for part in ("track", "fill", "error"):
             parts[part].set_visibility(known)
+        for part in ("tick", "noise"):
+            parts[part].set_visibility(known and row.floor is not None)
         parts["words"].classes(add="" if known else "whole", remove="whole" if known else "")
         parts["words"].show(markup.state_words(row))
         parts["was"].set_visibility(False)
-        if row.held_out is None or row.floor is None:
+        if row.held_out is None:
             return
         parts["fill"].style(f"width:{100.0 * row.held_out / top:.2f}%")
         parts["fill"].classes(add="fails" if row.fails else "", remove="" if row.fails else "fails")
-        parts["tick"].style(f"left:{100.0 * min(row.floor / top, 1.0):.2f}%")
-        parts["error"].text, parts["noise"].text = f"{percent(row.held_out)} %", f"{percent(row.floor)} %"
+        parts["error"].text = f"{percent(row.held_out)} %"
+        if row.floor is not None:
+            parts["tick"].style(f"left:{100.0 * min(row.floor / top, 1.0):.2f}%")
+            parts["noise"].text = f"{percent(row.floor)} %"
         if was is not None and abs(was - row.held_out) > 0.002:
             parts["was"].set_visibility(True)
             parts["was"].style(f"width:{100.0 * was / top:.2f}%")

@@ -46,7 +46,7 @@ def start_link(namespace: str) -> tuple[Any, Connection]:
 
 def errors_content(message: Any) -> dict[str, Any]:
     """Of ModelError."""
-    names = ("measured", "predicted", "nrmse", "residual_rms", "lag_one_correlation")
+    names = ("measured", "predicted", "nrmse", "residual_rms", "over_noise")
     axes = {axis.axis: {name: float(getattr(axis, name)) for name in names} for axis in message.axes}
     return {"stamp": nanoseconds_of(message), "model": message.model, "window": float(message.window), "axes": axes}
 

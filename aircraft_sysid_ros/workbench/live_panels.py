@@ -127,7 +127,7 @@ class LiveWhyPanel(SidePanel):
             return
         self._shown = (found, added, stale)
         self._cards.clear()
-        if found is None:
+        if found is None or not found["verdict"]:
             self._verdict.text = "Not looked for yet"
             self._words.show("The node searches by itself, from about a minute and a half of flight on.")
             return

@@ -1,14 +1,17 @@
-"""`live` that can estimate no state says why when it is stopped: which sensor did not come, or was of no use."""
+"""Who can estimate no state says why: which sensor did not come, or was of no use."""
 
+import itertools
 import re
 import signal
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from processes import live
+from rclpy.lifecycle import TransitionCallbackReturn
 from sensor_msgs.msg import Imu, NavSatFix, NavSatStatus
 from waiting import LONGEST
 
+from aircraft_sysid_ros.nodes.state_estimator import StateEstimatorNode
 from aircraft_sysid_ros.ros_messages.conversion import NO_FIX
 
 
@@ -25,6 +28,30 @@ def stopped(process):
     _, errors = process.communicate(timeout=LONGEST)
     assert process.returncode == 2 and "Traceback" not in errors
     return errors
+
+
+def test_diagnostics_say_that_nobody_publishes_the_imu_and_how_often_the_others_come(bench):
+    """As after a wrong remap: GPS comes at 20 Hz of its own stamps, with a gap of half a second."""
+    diagnostics = bench.listen(DiagnosticArray, "/diagnostics")
+    node = bench.node(StateEstimatorNode)
+    assert node.trigger_configure() == node.trigger_activate() == TransitionCallbackReturn.SUCCESS
+    gps, stamps = bench.publisher(NavSatFix, "gps/fix"), itertools.count(1)
+
+    def say():
+        message, number = NavSatFix(latitude=45.0, longitude=-93.0, altitude=300.0), next(stamps)
+        message.header.stamp.sec, tick = divmod(number + (number > 3) * 9, 20)
+        message.header.stamp.nanosec = tick * 50_000_000
+        gps.publish(message)
+
+    def values():
+        statuses = [status for message in diagnostics for status in message.status if status.name == node.get_name()]
+        return [(status.message, {each.key: each.value for each in status.values}) for status in statuses]
+
+    bench.say_until(say, lambda: any(float(v.get("gps_position.largest_gap", 0.0)) > 0.4 for _, v in values()))
+    words, found = next((m, v) for m, v in values() if float(v.get("gps_position.largest_gap", 0.0)) > 0.4)
+    assert "no IMU has come on /imu/data, which nobody publishes: check its name and the remaps" in words
+    assert found["gps_position.largest_gap"] == "0.5" and 3.0 < float(found["gps_position.rate"]) < 20.0
+    assert "imu.rate" not in found
 
 
 @pytest.mark.long

@@ -63,6 +63,13 @@ def test_a_sensor_is_judged_by_its_newest_samples(before, now, level, words):
     assert (leaf.path, leaf.level) == ("sensors/imu", level) and words in leaf.message
 
 
+def test_an_imu_that_never_comes_is_there_as_one_that_is_missing():
+    values = {"gps_position.received": "50", "gps_position.fused": "50", "gps_position.rate": "5"}
+    imu, gps = sensor_leaves(values, {})
+    assert (imu.path, imu.level) == ("sensors/imu", STALE) and "nothing has come" in imu.message
+    assert gps.level == OK and gps.values == {"received": "50", "fused": "50", "rate": "5"}
+
+
 def test_parameters_say_what_may_be_used():
     listed = [
         Said(name="CZ_alpha", value=-4.5, standard_deviation=0.1, status=Parameter.USE, reason=""),
@@ -82,6 +89,8 @@ def test_what_is_missing_is_named():
     found = EffectCandidate(effect="stall", error_before=0.3, error_after=0.1)
     assert missing_leaf(MissingEffects(verdict="missing", candidates=[found])).message == "missing: stall"
     assert missing_leaf(MissingEffects(verdict="none")).level == OK
+    unknown = missing_leaf(MissingEffects(verdict=""))
+    assert (unknown.level, unknown.message) == (OK, "not looked for yet")
 
 
 def test_the_tree_is_as_bad_as_its_worst_branch_but_a_parameter_grounds_nobody():

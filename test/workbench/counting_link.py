@@ -28,7 +28,7 @@ class Counting(threading.Thread):
         self.pipe.send((READY, None))
         for count in range(1, LAST + 1):
             time.sleep(PERIOD)
-            values = {"measured": 0.1, "predicted": 0.1, "nrmse": 0.01 * count, "lag_one_correlation": 0.9}
+            values = {"measured": 0.1, "predicted": 0.1, "nrmse": 0.01 * count, "over_noise": 5.0}
             stamp = int((1000 + count) * 1e9)
             self.pipe.send(("errors", {"stamp": stamp, "model": "a", "axes": dict.fromkeys(AXES, values)}))
             self.pipe.send((PRESENCE, True))

@@ -1,7 +1,8 @@
-"""The live page without ROS and browser: bounded memory, noise by its correlation, sentences, a link that ends."""
+"""The live page without ROS and browser: bounded memory, what is noise, sentences, a link that ends."""
 
 from __future__ import annotations
 
+import itertools
 import multiprocessing
 import time
 
@@ -9,9 +10,14 @@ import numpy as np
 import pytest
 
 from aircraft_sysid_ros.commands.main import main
-from aircraft_sysid_ros.diagnosis.compare import FAILS
+from aircraft_sysid_ros.diagnosis.compare import FAILS, MORE, NOISE, SHORT
 from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.identification.coefficients.layout import MEASURED, VALID, CoefficientSample
+from aircraft_sysid_ros.identification.monitoring.error_window import model_errors, samples_apart
 from aircraft_sysid_ros.identification.options import ParameterOptions
+from aircraft_sysid_ros.pipeline import Pipeline
+from aircraft_sysid_ros.ros_messages.output_messages import model_error_content
+from aircraft_sysid_ros.simulation.simulated_flight import default_aircraft, simulate_samples
 from aircraft_sysid_ros.workbench import live_session
 from aircraft_sysid_ros.workbench.live_flight import MOST_ERRORS, MOST_STATES, LiveFlight
 from aircraft_sysid_ros.workbench.live_link import ANSWER, NO_ROS, PRESENCE, READY
@@ -23,9 +29,8 @@ from aircraft_sysid_ros.workbench.worker import ADD, REMOVE, Job
 SECOND = 1_000_000_000
 
 
-def errors(second: float, model: str = "a", nrmse: float = 0.3, correlation: float = 0.9) -> dict:
-    values = {"measured": 1.0, "predicted": 0.9, "nrmse": nrmse, "residual_rms": 0.1}
-    axis = {**values, "lag_one_correlation": correlation}
+def errors(second: float, model: str = "a", nrmse: float = 0.3, over_noise: float = 4.0) -> dict:
+    axis = {"measured": 1.0, "predicted": 0.9, "nrmse": nrmse, "residual_rms": 0.1, "over_noise": over_noise}
     return {"stamp": int((1000 + second) * SECOND), "model": model, "window": 10.0, "axes": {"Cl": axis}}
 
 
@@ -73,20 +78,44 @@ def test_what_was_added_is_known_until_its_terms_are_gone() -> None:
     assert not flight.added
 
 
-@pytest.mark.parametrize(("name", "is_slope"), [("CZ", False), ("Cm", True)])
-def test_noise_is_told_from_slow_error_by_its_correlation(name, is_slope) -> None:
-    rng, options, rate = np.random.default_rng(4), ParameterOptions(), 1000
-    half, step = round(options.half_width * rate), round(options.step * rate)
-    at = np.arange(-half, half + 1)
-    kernel = (at / (at @ at) if is_slope else np.full(len(at), 1.0 / len(at)))[::-1]
-    noise = np.convolve(rng.normal(size=400 * rate), kernel, "valid")[::step]
-    noise /= noise.std()
-    slow = np.sqrt(2.0) * np.sin(2.0 * np.pi * 0.1 * options.step * np.arange(len(noise)))
-    for size, share in ((0.0, 1.0), (1.0, 0.5), (3.0, 0.1)):
-        residual = noise + size * slow
-        correlation = (residual[1:] @ residual[:-1]) / (residual @ residual)
-        assert live.noise_share(name, correlation) == pytest.approx(share, abs=0.06)
-    assert np.isnan(live.noise_share(name, np.nan))
+def published(pipeline: Pipeline) -> dict:
+    """The newest content of ModelError, as the page hears it."""
+    found = model_error_content("a", 10.0, pipeline.parameters.model_error())
+    return {"axes": {axis.pop("axis"): axis for axis in found["axes"]}}
+
+
+@pytest.mark.parametrize("turbulence", ["none", "light"])
+def test_only_what_a_model_lacks_is_more_than_noise(turbulence) -> None:
+    """Every five seconds from the first minute on; the drag of sideslip as soon as it has been flown."""
+    aircraft = default_aircraft()
+    for hidden, says in (((), set()), ((("sideslip_drag", 1.0),), {"CX"})):
+        samples = simulate_samples(aircraft, 12, 120.0, turbulence=turbulence, hidden=hidden).samples
+        pipeline, at = Pipeline(aircraft), np.arange(60, 121, 5)
+        edges = np.searchsorted(samples.stamp, samples.stamp[0] + at * SECOND)
+        states = []
+        for begin, end in itertools.pairwise([0, *edges.tolist()]):
+            pipeline.push(samples[begin:end])
+            states.append({row.axis: row.state for row in live.axis_rows(published(pipeline))})
+        assert {axis for each in states for axis, state in each.items() if state == MORE} == says
+        assert all(NOISE in each.values() for each in states)
+
+
+def test_white_is_what_is_not_correlated_where_windows_share_nothing() -> None:
+    """Means of white noise over windows that overlap are white; with a larger slow error they are not."""
+    options = ParameterOptions()
+    apart, rng = samples_apart(options.step, options.half_width), np.random.default_rng(4)
+    assert (apart - 1) * options.step <= 2.0 * options.half_width < apart * options.step
+    are_white = []
+    for slow in (0.0, 2.0):
+        found = []
+        for _ in range(300):
+            noise = np.convolve(rng.normal(size=250 + apart - 1), np.ones(apart), "valid")
+            slow_error = slow * noise.std() * np.sqrt(2.0) * np.sin(0.05 * np.arange(250) + rng.uniform(0.0, 6.0))
+            samples = np.zeros((250, CoefficientSample.TERMS))
+            samples[:, VALID], samples[:, MEASURED] = 1.0, noise + slow_error
+            found.append(model_errors(samples, apart, [1.0] * 6)[0].white)
+        are_white.append(np.mean(found))
+    assert are_white[0] > 0.97 and are_white[1] < 0.05
 
 
 def test_rows_cards_and_figures() -> None:
@@ -94,7 +123,10 @@ def test_rows_cards_and_figures() -> None:
     missing = {"model": "a", "verdict": "missing", "advice": "", "candidates": [candidate()]}
     assert live.failing_axes(missing, "a") == {"Cl"} and not live.failing_axes(missing, "b")
     row = next(row for row in live.axis_rows(errors(0.0), {"Cl"}) if row.axis == "Cl")
-    assert (row.held_out, row.state) == (0.3, FAILS) and 0.0 < row.floor < 0.3
+    assert (row.held_out, row.state, row.floor) == (0.3, FAILS, pytest.approx(0.075))
+    for over_noise, state in ((1.5, NOISE), (3.5, MORE), (np.nan, SHORT)):
+        (row,) = (row for row in live.axis_rows(errors(0.0, over_noise=over_noise)) if row.axis == "Cl")
+        assert (row.held_out, row.state) == (0.3, state) and (row.floor is None) == np.isnan(over_noise)
     card, other = live.cards({**missing, "candidates": [candidate(), candidate(effect="", expression="Cm: q**2")]})
     assert (card.key, card.title) == ("dihedral_alpha", "Dihedral effect that depends on lift")
     assert card.physics and card.manoeuvre and card.gain == "36.0 % → 4.0 %"

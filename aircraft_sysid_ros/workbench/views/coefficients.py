@@ -48,7 +48,7 @@ class AxisRow:
     words: str
     held_out: float | None
     fit: float | None
-    floor: float | None
+    floor: float | None  # None, too, where the noise is not known
     state: str
     reason: str = ""
 
@@ -74,9 +74,10 @@ def _row(comparison: Comparison, name: str) -> AxisRow:
 
 def error_sentence(row: AxisRow) -> str:
     """The errors of an axis in one line, for a figure."""
-    if row.held_out is None or row.floor is None:
+    if row.held_out is None:
         return row.reason
-    return f"error {percent(row.held_out)} % of spread, noise {percent(row.floor)} %"
+    noise = "" if row.floor is None else f", noise {percent(row.floor)} %"
+    return f"error {percent(row.held_out)} % of spread{noise}"
 
 
 def time_of(flight: FlightData) -> Array:

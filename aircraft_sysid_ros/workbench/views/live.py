@@ -9,9 +9,9 @@ import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
-from aircraft_sysid_ros.diagnosis.compare import FAILS, MORE, NOISE
+from aircraft_sysid_ros.diagnosis.compare import FAILS, MORE, NOISE, SHORT
 from aircraft_sysid_ros.effects import BY_ID
-from aircraft_sysid_ros.identification.options import ParameterOptions
+from aircraft_sysid_ros.identification.trust import BEYOND_NOISE
 from aircraft_sysid_ros.workbench.views.candidates import Card
 from aircraft_sysid_ros.workbench.views.coefficients import NO_DATA, AxisRow
 from aircraft_sysid_ros.workbench.views.figure import TIMED, Figure, Theme, axis, beyond, figure, line, upright
@@ -23,33 +23,12 @@ Array = npt.NDArray[np.float64]
 #: Flight [s] that the time plots show.
 WINDOW = 120.0
 TIME_TITLE = "time since first heard [s]"
-#: Share of the power of the residual from which it is called noise.
-_ONLY_NOISE = 0.75
 #: Silence [s] of the node from which the page says so.
 SILENCE = 5.0
 _RESIDUAL = 0.36
 #: Times [s] without a message across which no line is drawn, and from the first one on in which little is learnt yet.
 _GAP, _BEGINNING = 2.5, 5.0
 Rows = Sequence[Mapping[str, Any]]
-
-
-def noise_share(name: str, correlation: float, options: ParameterOptions | None = None) -> float:
-    """Share (0 to 1) of the power of a residual that is noise, from its lag-one correlation r.
-
-    Successive windows of half-width w overlap, so that white noise of the sensors has the correlation
-    r_n = 1 - d/2 in their mean (forces), and r_n = [F(1 - d) - F(-1)] / (2/3), F(t) = t^3/3 + d t^2/2, in their
-    slope (moments), d = step / w. What a model lacks moves slowly against the step, r = 1. A mixture with the share
-    s of noise has r = 1 - s (1 - r_n). What moves fast is taken for noise too: the share is an upper one.
-    ``options`` are those of the node, by default as they are unless they are set.
-    """
-    if not np.isfinite(correlation):
-        return np.nan
-    options = options or ParameterOptions()
-    d = min(options.step / options.half_width, 2.0)
-    end = 1.0 - d
-    slope = 1.5 * ((end**3 + 1.0) / 3.0 + 0.5 * d * (end**2 - 1.0))
-    of_noise = slope if name in ("Cl", "Cm", "Cn") else 1.0 - 0.5 * d
-    return float(np.clip((1.0 - correlation) / (1.0 - of_noise), 0.0, 1.0))
 
 
 def axis_rows(newest: Mapping[str, Any] | None, failing: Collection[str] = ()) -> list[AxisRow]:
@@ -61,10 +40,11 @@ def axis_rows(newest: Mapping[str, Any] | None, failing: Collection[str] = ()) -
 def _row(name: str, values: Mapping[str, float] | None, fails: bool) -> AxisRow:
     if values is None or not np.isfinite(values["nrmse"]):
         return AxisRow(name, AXIS_WORDS[name], None, None, None, NO_DATA, "nothing yet")
-    share = noise_share(name, values["lag_one_correlation"])
-    noise = values["nrmse"] * np.sqrt(share) if np.isfinite(share) else 0.0
-    state = FAILS if fails else NOISE if share >= _ONLY_NOISE else MORE
-    return AxisRow(name, AXIS_WORDS[name], values["nrmse"], None, float(noise), state)
+    over_noise = values["over_noise"]  # as the node judges it, of minutes
+    if not over_noise > 0.0:
+        return AxisRow(name, AXIS_WORDS[name], values["nrmse"], None, None, FAILS if fails else SHORT)
+    state = FAILS if fails else MORE if over_noise > BEYOND_NOISE else NOISE
+    return AxisRow(name, AXIS_WORDS[name], values["nrmse"], None, values["nrmse"] / over_noise, state)
 
 
 def failing_axes(missing: Mapping[str, Any] | None, model: str) -> set[str]:

@@ -1,0 +1,31 @@
+"""Rates and gaps of the diagnostics, by the stamps of the samples."""
+
+import numpy as np
+
+from aircraft_sysid_ros.nodes.pace import Pace
+from aircraft_sysid_ros.samples import Kind, samples_of
+
+MILLISECOND = 1_000_000
+
+
+def heard(pace, *stamps, kind=Kind.IMU):
+    for stamp in stamps:
+        pace.add([samples_of(kind, np.array([stamp * MILLISECOND]), np.zeros((1, 1)))])
+
+
+def test_rate_and_gap_are_those_since_the_last_reading():
+    pace = Pace()
+    heard(pace, *range(1000, 2001, 10))
+    heard(pace, *range(1000, 2001, 200), kind=Kind.GPS_POSITION)
+    assert pace.read() == {
+        "imu.rate": "100", "imu.largest_gap": "0.01", "gps_position.rate": "5", "gps_position.largest_gap": "0.2",
+    }  # fmt: skip
+    heard(pace, 2010, 2510, 2520)
+    assert pace.read() == {"imu.rate": f"{3 / 0.52:.4g}", "imu.largest_gap": "0.5", "gps_position.rate": "0"}
+
+
+def test_a_clock_that_begins_anew_is_no_gap():
+    pace = Pace()
+    heard(pace, 5000, 5010, 100, 110, 120)
+    assert pace.read() == {"imu.rate": "100", "imu.largest_gap": "0.01"}
+    assert pace.read() == {"imu.rate": "0"}
