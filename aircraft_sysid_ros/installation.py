@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+from collections.abc import Sequence
 from importlib import metadata
 
 from aircraft_sysid_ros.errors import InputError
@@ -34,6 +35,21 @@ def stay_local() -> str:
         return ""
     os.environ[DISCOVERY] = "LOCALHOST"
     return f"nodes of this machine only ({DISCOVERY}=SUBNET for those of the network)"
+
+
+def start_ros(arguments: Sequence[str] = ()) -> None:
+    """Start ROS in this process, with words from ``--ros-args`` on; signals stay those of the process.
+
+    Raises ImportError without ROS, InputError for words that are none of ROS.
+    """
+    import rclpy
+    from rclpy.signals import SignalHandlerOptions
+
+    try:
+        rclpy.init(args=[*arguments], signal_handler_options=SignalHandlerOptions.NO)
+    except RuntimeError as error:  # rclpy has one for each
+        reason = re.split(r"\. Error:|, at /|\[ERROR\]", " ".join(str(error).split()))[0]
+        raise InputError(f"{' '.join(arguments)}: {reason.removeprefix('failed to initialize rcl: ')}") from None
 
 
 def missing_ros(error: ImportError) -> InputError:

@@ -65,7 +65,7 @@ class Pipeline:
         return np.vstack([rows for rows, _ in done]), np.vstack([points for _, points in done])
 
     def _push(self, samples: Samples) -> tuple[Array, Array]:
-        """Samples of which the last may be the first by a clock that began anew."""
+        """Samples of which the last may be the first by a clock that started over."""
         before, due = self.state.order.counts.restarts, self.state.order.newest_due(samples)
         rows = self.state.push(samples)
         if self.state.order.counts.restarts > before:  # the rows are what was held by the old clock

@@ -4,7 +4,7 @@
 
 The first flights of each airframe of the whole fleet of `fleet.py`, and its damaged files, once undisturbed with one
 worker, and once with two of which one or the other is killed (SIGKILL) every so many seconds. Without diagnosis, and
-without the file that hangs: its flight ends when the time limit is over, which begins anew with each worker.
+without the file that hangs: its flight ends when the time limit is over, which starts over with each worker.
 A worker needs about 5 s of processor time to start: where it gets less than that in --every seconds, no flight
 is ever flown to its end.
 """

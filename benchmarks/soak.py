@@ -4,7 +4,7 @@
 
 Both steps as the live nodes hold them, with the journal of a flight in progress, samples a quarter of a second at a
 time, parameters once a second. Flights of PART seconds, each in its own air, are drawn by another process and come one
-after the other by the same clock, with two seconds between them in which nothing comes: the state begins anew there,
+after the other by the same clock, with two seconds between them in which nothing comes: the state starts over there,
 what was learnt stays. Memory is that of the process that flies, without the pages of files. Writes results/soak.json.
 """
 

@@ -47,11 +47,13 @@ def nodes(context: LaunchContext) -> list[LifecycleNode]:
         LaunchConfiguration(name).perform(context) for name in ("params_file", "namespace", "overview")
     )
     given = {name: LaunchConfiguration(name).perform(context) for name in PARAMETERS}
+    if overview.lower() not in TRUTH:
+        raise ValueError(f"overview:={overview} is neither true nor false")
     started = []
-    for name in (*NODES, *(["overview"] if overview == "true" else [])):
+    for name in (*NODES, *(["overview"] if TRUTH[overview.lower()] else [])):
         known = ("autostart", "use_sim_time") if name == "overview" else PARAMETERS
         values = {
-            key: TRUTH.get(text, text)
+            key: TRUTH.get(text.lower(), text)
             for key, text in given.items()
             if text and key in known and name in OF.get(key, (name,))
         }

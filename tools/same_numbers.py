@@ -92,7 +92,7 @@ def make_recordings(folder: Path) -> None:
 def changed(
     source: Path, target: Path, stuck_vane: tuple[float, float] | None = None, restart: float | None = None
 ) -> None:
-    """A copy of a recording in which the vane sticks between two times [s], or the clock begins anew at one."""
+    """A copy of a recording in which the vane sticks between two times [s], or the clock starts over at one."""
     from rosbags.highlevel import AnyReader
     from rosbags.rosbag2 import StoragePlugin, Writer
     from rosbags.typesys import Stores, get_typestore

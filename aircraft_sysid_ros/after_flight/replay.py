@@ -198,7 +198,7 @@ def _check(options: ReplayOptions, bags: Sequence[str]) -> None:
     if options.stage_1 is not None and not options.state.air_data_errors:
         raise InputError("--stage-1 starts the states of --air-data-errors: give that too")
     if options.stage_1 is not None and (len(bags) > 1 or options.segments):
-        raise InputError("--stage-1 starts one flight, and each manoeuvre begins anew: leave it out")
+        raise InputError("--stage-1 starts one flight, and each manoeuvre starts over: leave it out")
     if options.stage_1 is not None and not SHORTEST <= options.stage_1 <= LONGEST:
         raise InputError(f"--stage-1 must be between {SHORTEST:g} and {LONGEST:g} s, not {options.stage_1:g}")
 

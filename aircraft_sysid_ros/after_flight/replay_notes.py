@@ -104,7 +104,7 @@ _OF_A_VANE = tuple(contradiction_text(n) for n, name in SUSPECTED.items() if nam
 
 
 def flight_notes(state: StateEstimator, parameters: Identifier) -> list[str]:
-    """What became of the samples, and what changed, was held, or began anew in flight; of a replay as of live."""
+    """What became of the samples, and what changed, was held, or started over in flight; of a replay as of live."""
     found, ahead = [], state.order.counts.gps_in_words
     for kind, counts in state.counts().items():
         for what in ("rejected", "late", "invalid", "wrong_stamp"):
@@ -357,7 +357,7 @@ def bound_notes(aircraft: Aircraft) -> list[str]:
     for name, (low, high) in aircraft.parameter_bounds.items():
         value = aircraft.coefficients.get(name)
         if value is not None and not low <= value <= high:
-            outside = f"the {value:g} that it is given in the same aircraft file is outside: mend one of them"
+            outside = f"the {value:g} that it is given in the same aircraft file is outside: correct one of them"
             found.append(f"parameter_bounds {name} go from {low:g} to {high:g}, and {outside}")
     return found
 

@@ -154,7 +154,7 @@ class Aircraft:
 
 
 def load_aircraft(path: str | Path) -> Aircraft:
-    """Read and check an aircraft file; raises InputError naming the file, the key and what to mend."""
+    """Read and check an aircraft file; raises InputError naming the file, the key and what to correct."""
     content = read_yaml(path, "aircraft file")
     try:
         return aircraft_from_dict(content)

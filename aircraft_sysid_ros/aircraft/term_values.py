@@ -125,7 +125,7 @@ def with_lags(
 ) -> npt.NDArray[np.float64]:
     """Signal rows (n, SIGNAL_COUNT) of a flight in order of time [s] with lags; the rows themselves without any.
 
-    A pause longer than ``longest`` [s] begins anew.
+    A pause longer than ``longest`` [s] starts over.
     """
     if not lags:
         return rows

@@ -61,7 +61,7 @@ class Calibration:
 
 
 def load_calibration(path: str | Path) -> Calibration:
-    """Read and check a calibration file, or that of a folder; InputError names the file, the key and what to mend."""
+    """Read and check a calibration file, or that of a folder; InputError names file, key and what to correct."""
     if Path(path).is_dir():
         path = Path(path) / "calibration.yaml"
     content = read_yaml(path, "calibration file")

@@ -16,7 +16,7 @@ from aircraft_sysid_ros.commands import bridge_px4
 from aircraft_sysid_ros.commands.options import absolute_namespace, add_option
 from aircraft_sysid_ros.commands.progress import progress_bar, say_ready
 from aircraft_sysid_ros.errors import InputError
-from aircraft_sysid_ros.installation import MissingExtra, missing_ros, stay_local
+from aircraft_sysid_ros.installation import MissingExtra, missing_ros, start_ros, stay_local
 from aircraft_sysid_ros.mavlink.back_options import BackOptions
 from aircraft_sysid_ros.option import OptionError, options_of
 
@@ -58,7 +58,6 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     bridge_px4.check(args) if is_px4 else _check(args)
     try:
         import rclpy
-        from rclpy.signals import SignalHandlerOptions
 
         from aircraft_sysid_ros.nodes.common import make_executor, spare_the_collector, spin_until, start, stop_signals
 
@@ -68,7 +67,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         raise missing_ros(error) from None
     _check_namespace(args.namespace)
     said = stay_local()
-    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+    start_ros(args.ros_args)  # a signal ends what runs, not ROS under it
     node: Any = None
     try:
         node = make_node()

@@ -71,7 +71,7 @@ def render(result: dict[str, Any]) -> str:
 
         return compare_fleets.render(result)
     lines = [f"model {result['model']}, errors in % of the spread of each coefficient", ""]
-    header = f"{'axis':<6}{'fit':>8}{'held out':>10}{'floor':>8}  residual"
+    header = f"{'axis':<6}{'fit':>8}{'validation':>12}{'noise floor':>13}  residual"
     lines += [header, "-" * (len(header) + 12)]
     for name, axis in result["axes"].items():
         if axis["nrmse_held_out"] is None:
@@ -79,7 +79,7 @@ def render(result: dict[str, Any]) -> str:
             continue
         left = left_in_words(axis["fails"], axis["white"])
         fit, held_out, floor = (percent(axis[key]) for key in ("nrmse_fit", "nrmse_held_out", "noise_floor"))
-        lines.append(f"{name:<6}{fit:>8}{held_out:>10}{floor:>8}  {left}")
+        lines.append(f"{name:<6}{fit:>8}{held_out:>12}{floor:>13}  {left}")
     lines.append("")
     if result["worst"]:
         lines.append("where it fails, worst first (error there, times the noise):")

@@ -35,7 +35,7 @@ from aircraft_sysid_ros.errors import IncompleteError, InputError
 from aircraft_sysid_ros.identification.coefficients.flow_angles import VANES
 from aircraft_sysid_ros.identification.coefficients.pace import stamped_behind
 from aircraft_sysid_ros.identification.options import ParameterOptions
-from aircraft_sysid_ros.installation import missing_ros, stay_local
+from aircraft_sysid_ros.installation import missing_ros, start_ros, stay_local
 from aircraft_sysid_ros.nodes.inputs import drain, lost_in_words
 from aircraft_sysid_ros.reconstruction.absences import absences
 from aircraft_sysid_ros.reconstruction.found_noise import noise_notes
@@ -100,14 +100,13 @@ def _with_nodes(
     try:
         import rclpy
         from rclpy.exceptions import NameValidationException
-        from rclpy.signals import SignalHandlerOptions
 
         from aircraft_sysid_ros.nodes.common import start, stop_signals
     except ImportError as error:
         raise missing_ros(error) from None
     arguments = _node_arguments(args, *options)
     said = stay_local()
-    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)  # else Ctrl-C takes the context away
+    start_ros(args.ros_args)  # a signal ends what runs, not ROS under it
     from aircraft_sysid_ros.nodes.parameter_estimator import ParameterEstimatorNode
     from aircraft_sysid_ros.nodes.state_estimator import StateEstimatorNode
 

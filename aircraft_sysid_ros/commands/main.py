@@ -58,6 +58,8 @@ FAILED = 1
 STOPPED = 130
 #: Environment variable that shows the traceback of what should not have happened.
 TRACEBACK = "AIRCRAFT_SYSID_TRACEBACK"
+#: Words of ROS at the end of a line, such as remaps, and the commands with nodes, which take them.
+_ROS, _OF_ROS = "--ros-args", ("bridge", "live", "play")
 
 
 class _Parser(argparse.ArgumentParser):
@@ -151,7 +153,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _parsed(arguments: Sequence[str]) -> argparse.Namespace:
     """Options of the command; what it imports stays to the end of the process and is spared by the collector."""
     command = next((word for word in arguments if not word.startswith("-")), None)
-    args = build_parser(command, arguments).parse_args(arguments)
+    end = arguments.index(_ROS) if command in _OF_ROS and _ROS in arguments else len(arguments)
+    args = build_parser(command, arguments[:end]).parse_args(arguments[:end])
+    args.ros_args = arguments[end:]
     if not gc.isenabled():
         gc.freeze()
         gc.enable()

@@ -26,7 +26,7 @@ import numpy as np
 from aircraft_sysid_ros.commands.notes import note_lines
 from aircraft_sysid_ros.commands.progress import progress_bar
 from aircraft_sysid_ros.errors import InputError
-from aircraft_sysid_ros.installation import missing_ros, stay_local
+from aircraft_sysid_ros.installation import missing_ros, start_ros, stay_local
 from aircraft_sysid_ros.recordings.playback import Schedule, every
 from aircraft_sysid_ros.recordings.raw_messages import RawMessages
 from aircraft_sysid_ros.recordings.storage import read_raw
@@ -102,12 +102,11 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     selected = _selected(raw, args)
     try:
         import rclpy
-        from rclpy.signals import SignalHandlerOptions
     except ImportError as error:
         raise missing_ros(error) from None
     if said := stay_local():
         print(f"playing to {said}", file=sys.stderr, flush=True)
-    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)  # Ctrl-C then ends the loop, not the context under it
+    start_ros(args.ros_args)  # a signal ends what runs, not ROS under it
     try:
         with _quick_heartbeats():
             node = rclpy.create_node("player")

@@ -1,4 +1,4 @@
-"""``workbench``: a web page on this machine on which a run is compared, diagnosed and mended with a mouse.
+"""``workbench``: a web page on this machine on which a run is compared, diagnosed and corrected with a mouse.
 
 RUN may also be the folder of a calibration; with --calibration both are on one page. Several runs, or a folder that
 holds runs, have a list to choose from, and any two are shown side by side. With --live it is the page of a
@@ -34,7 +34,7 @@ OPEN = "with --host {} anybody who can reach this machine can change the run, th
 def add_parser(subparsers: Any) -> argparse.ArgumentParser:
     """Add the command; returns its parser."""
     parser: argparse.ArgumentParser = subparsers.add_parser(
-        "workbench", help="a page on which the model is seen to fail, and mended", description=__doc__
+        "workbench", help="a page on which the model is seen to fail, and corrected", description=__doc__
     )
     parser.add_argument(
         "run",

@@ -1,6 +1,6 @@
 """Whose messages are followed: those of one sender, by one clock.
 
-A message that is late is refused. One whose stamp leaps, back or ahead, may be of a clock that began anew, of a second
+A message that is late is refused. One whose stamp leaps, back or ahead, may be of a clock that started over, of another
 sender, or wrong alone: such messages are refused until CONFIRMING of them have come running, each newer than the one
 before, with none of the old clock in between. So is a model that comes back right after another has replaced it.
 """
@@ -29,7 +29,7 @@ class Sender:
         self._returned = 0  # messages running of one of them
 
     def follow(self, stamp: int, model: str, asked: int | None) -> bool:
-        """Whether the clock begins anew with a message; InputError for one that is not to be followed.
+        """Whether the clock starts over with a message; InputError for one that is not to be followed.
 
         ``stamp`` and ``asked``, the time of the newest question, in ns: after a silence a message is much newer than
         the last one, but not than the question.

@@ -10,7 +10,7 @@ Per parameter, at every question:
 
 Stamps are those of sensor samples, and questions are asked by their clock: fresh is a stamp within ``silence`` of the
 question, before or after it, and too old a good value that is ``longest_hold`` away, before or after it. What a new
-model does not have, and all that was good by a clock that began anew, is forgotten.
+model does not have, and all that was good by a clock that started over, is forgotten.
 
 Parameters of one axis are learnt together: those with USE are right only beside what the message says of the others. So
 an axis is taken only while what is kept of it agrees with what is published of it, to CONTRADICTION standard errors. A

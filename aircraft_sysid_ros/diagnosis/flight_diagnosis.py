@@ -63,7 +63,7 @@ def diagnose_flight(
     check_flight("the flight", data, samples)
     measuring = [effect for effect in library if effect.kind == MEASUREMENT]
     others = [effect for effect in library if effect.kind != MEASUREMENT]
-    if not np.any(samples.kind == Kind.SEAM):  # a drift begins anew with each manoeuvre
+    if not np.any(samples.kind == Kind.SEAM):  # a drift starts over with each manoeuvre
         others += [effect.as_terms for effect in measuring if effect.as_terms is not None]
     given = aircraft
     aircraft, flight, calm, settings = _measurement_first(aircraft, flight, calm, measuring, replicas, progress)
@@ -149,10 +149,10 @@ def _measurement_first(
             for fault in faults
             if _p_value(fault, len(measuring)) < THRESHOLDS.verdict or not is_a_fault(fault, given, flight.samples)
         ]
-        mended = _beyond_chance(sure, given, aircraft, flight, calm, measuring, replicas, progress)
-        if mended is None:
+        corrected = _beyond_chance(sure, given, aircraft, flight, calm, measuring, replicas, progress)
+        if corrected is None:
             break
-        aircraft, flight, calm, finding = mended
+        aircraft, flight, calm, finding = corrected
         moved = [_moved(each, finding.setting.beside) for each in settings]
         settings = [*(each for each in moved if each.setting.value != each.setting.nominal), finding]
         aircraft, flight, calm, settings = _sharpened(settings, aircraft, flight, calm)
@@ -173,24 +173,24 @@ def _beyond_chance(
     places of the sensors explain which the file leaves out.
     """
     tried = len(measuring)
-    while (mended := with_best_setting(faults, aircraft, flight, calm, tried)) is not None:
-        finding, chance = mended[-1], 0.0
+    while (corrected := with_best_setting(faults, aircraft, flight, calm, tried)) is not None:
+        finding, chance = corrected[-1], 0.0
         accused = finding.matters and _accuses(finding, given, flight.samples)
         if accused and not _needed_beside_places(finding.setting, given, aircraft, flight, calm, measuring):
             chance = 1.0
         elif accused:
             progress("look at the measurement in replicas", 0.0)
-            chance = chance_of(finding.setting, finding.errors, mended[1], calm, tried, replicas)
+            chance = chance_of(finding.setting, finding.errors, corrected[1], calm, tried, replicas)
         p_value = max(finding.p_value, chance)
         if chance < THRESHOLDS.verdict and (not accused or p_value < level_of(finding, calm)):
             why = "" if accused else _why_no_fault(finding, given, flight.samples)
-            return *mended[:3], replace(finding, matters=accused, p_value=p_value, why_no_fault=why)
+            return *corrected[:3], replace(finding, matters=accused, p_value=p_value, why_no_fault=why)
         faults = [fault for fault in faults if _name(fault) != _name(finding.setting)]
     return None
 
 
 def level_of(finding: MeasurementFinding, calm: bool) -> float:
-    """The p-value below which a setting is a fault, in air that was calm before it was mended or not.
+    """The p-value below which a setting is a fault, in air that was calm before it was corrected or not.
 
     Gusts move the aeroplane, which turns into them, and in no replica are they of one piece with its motion: a vane
     for the angle of attack then looks as if it showed too little. What lowers no error beside that must be surer.
@@ -221,10 +221,10 @@ def _needed_beside_places(
     done = set[str]()
     for _ in range(THRESHOLDS.most_settings):
         likelier = [place for place in measurement_faults(flight, places, calm) if place.label not in done]
-        mended = with_best_setting(likelier, aircraft, flight, calm, len(measuring))
-        if mended is None:
+        corrected = with_best_setting(likelier, aircraft, flight, calm, len(measuring))
+        if corrected is None:
             break
-        aircraft, flight, calm, found = mended
+        aircraft, flight, calm, found = corrected
         done.add(found.setting.label)
     alone = replace(fault.effect, variants=(fault.variant,))
     return not done or any(try_setting(job).evidence > 1.0 for job in jobs_of(flight, [alone], calm))
@@ -253,7 +253,7 @@ def _why_no_fault(finding: MeasurementFinding, given: Aircraft, samples: Samples
 
 
 def _moved(finding: MeasurementFinding, beside: Sequence[tuple[tuple[str, ...], float]]) -> MeasurementFinding:
-    """A setting that was mended, where another one has moved it."""
+    """A setting that was corrected, where another one has moved it."""
     values = [value for key, value in beside if key == finding.setting.variant.setting]
     return replace(finding, setting=replace(finding.setting, value=values[0])) if values else finding
 
@@ -261,7 +261,7 @@ def _moved(finding: MeasurementFinding, beside: Sequence[tuple[tuple[str, ...], 
 def _sharpened(
     settings: Sequence[MeasurementFinding], aircraft: Aircraft, flight: Reconstruction, calm: bool
 ) -> tuple[Aircraft, Reconstruction, bool, list[MeasurementFinding]]:
-    """All settings that were mended, each worked out again beside the others and in the wind that is left."""
+    """All settings that were corrected, each worked out again beside the others and in the wind that is left."""
     found = []
     for finding in settings:
         better = sharpened(finding.setting, flight)
@@ -287,20 +287,20 @@ def with_best_setting(
     """
     for number, fault in enumerate(faults):
         better = in_file(fault, aircraft)
-        mended, calm_then = reconstruct_as_flown(better, flight.samples, with_covariance=False)
+        corrected, calm_then = reconstruct_as_flown(better, flight.samples, with_covariance=False)
         if fault.feigns_wind and not calm_then:  # gusts do what it explains
             continue
-        finding = _judged(faults[number:], settled_flight(flight), settled_flight(mended), tried)
+        finding = _judged(faults[number:], settled_flight(flight), settled_flight(corrected), tried)
         if _is_worse(finding):
             continue
         if CONTROLS in fault.variant.setting and flight.data.inferred and not _explains_moments(finding):
             continue
         if CONTROLS in fault.variant.setting and imu_explains(fault, flight):
             company = dict.fromkeys((*finding.confounded_with, IMU_LAG))
-            return better, mended, calm, replace(finding, matters=False, confounded_with=tuple(company))
+            return better, corrected, calm, replace(finding, matters=False, confounded_with=tuple(company))
         matters = calm or fault.feigns_wind or _has_size(finding)
         if matters or fault.of_motion or fault.is_place:
-            return better, mended, calm or calm_then or fault.feigns_wind, replace(finding, matters=matters)
+            return better, corrected, calm or calm_then or fault.feigns_wind, replace(finding, matters=matters)
     return None
 
 
@@ -315,11 +315,11 @@ def with_place_of_imu(
     if setting is None:
         return None
     better = in_file(setting, aircraft)
-    mended, calm = reconstruct_as_flown(better, flight.samples, with_covariance=False)
-    found = _judged([setting], settled_flight(flight), settled_flight(mended), 1)
+    corrected, calm = reconstruct_as_flown(better, flight.samples, with_covariance=False)
+    found = _judged([setting], settled_flight(flight), settled_flight(corrected), 1)
     if _is_worse(found) or not _has_size(found):
         return None
-    return better, mended, calm, replace(found, matters=False, why_no_fault=OF_PLACE)
+    return better, corrected, calm, replace(found, matters=False, why_no_fault=OF_PLACE)
 
 
 def _is_of_sensor(finding: Finding) -> bool:
@@ -341,15 +341,15 @@ def with_setting_of(
             better = with_setting(aircraft, setting.variant.setting, setting.value)
         except InputError:  # no file may hold so much
             return None
-        mended, _ = reconstruct_as_flown(better, flight.samples, with_covariance=False)
-        more = CandidateEvaluator(settled_flight(mended)).best_of(terms) if terms is not None and left else None
+        corrected, _ = reconstruct_as_flown(better, flight.samples, with_covariance=False)
+        more = CandidateEvaluator(settled_flight(corrected)).best_of(terms) if terms is not None and left else None
         if more is None or not more.pays:
             break
         setting = replace(setting, value=setting_of(more, measuring, better, 0.0).value)
-    found = _judged([setting], settled_flight(flight), settled_flight(mended), 1)
+    found = _judged([setting], settled_flight(flight), settled_flight(corrected), 1)
     if _is_worse(found) or not _has_size(found):
         return None
-    return better, mended, replace(found, p_value=finding.p_value, confounded_with=finding.confounded_with)
+    return better, corrected, replace(found, p_value=finding.p_value, confounded_with=finding.confounded_with)
 
 
 def _has_size(finding: MeasurementFinding, most: float = np.inf) -> bool:
@@ -380,7 +380,7 @@ def _left_out_first(faults: Sequence[Setting], given: Aircraft, samples: Samples
 
 
 def _is_worse(finding: MeasurementFinding) -> bool:
-    """Whether the model fits the flight worse with what the sensors prefer: then they are not mended by it."""
+    """Whether the model fits the flight worse with what the sensors prefer: then they are not corrected by it."""
     ratios = [np.log(after / before) for before, after in finding.errors.values() if min(before, after) > 0.0]
     return bool(ratios) and float(np.mean(ratios)) > THRESHOLDS.worse
 

@@ -234,7 +234,7 @@ class Thresholds:
         "ln of the error variance, over the moments, that a delay of the controls must gain: the second step judges",
         "it, and a delay that smooths gains something in any flight.",
     )
-    most_settings: int = _of(4, "Settings of the aircraft file that are mended one after another, faults or not.")
+    most_settings: int = _of(4, "Settings of the aircraft file that are corrected one after another, faults or not.")
     setting_as_good: float = _of(
         0.75,
         "A second setting with this share of the evidence of the first cannot be told from it. A judgement.",

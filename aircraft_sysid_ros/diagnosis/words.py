@@ -90,7 +90,7 @@ class MeasurementFinding:
 class FlightDiagnosis:
     """Everything that is said of a flight."""
 
-    flight: FlightData  # with mended settings
+    flight: FlightData  # with corrected settings
     settings: tuple[MeasurementFinding, ...]
     diagnosis: Diagnosis
     replicas: Sequence[Replica] = field(repr=False)
@@ -102,7 +102,7 @@ class FlightDiagnosis:
     @property
     def verdict(self) -> str:
         """none, missing or unexplained."""
-        return MISSING if any(mended.matters for mended in self.settings) else self.diagnosis.verdict
+        return MISSING if any(corrected.matters for corrected in self.settings) else self.diagnosis.verdict
 
     @property
     def json(self) -> dict[str, Any]:
@@ -273,17 +273,17 @@ class FlightDiagnosis:
 
     def _of_measurement(self) -> Iterator[str]:
         """What to do about the sensors."""
-        for mended in self.settings:
-            fault = mended.setting.effect
-            if not mended.matters:
-                stated = mended.setting.nominal != 0.0 and not mended.setting.is_place
-                stated = stated or mended.why_no_fault == OF_SHORT_WAY
+        for corrected in self.settings:
+            fault = corrected.setting.effect
+            if not corrected.matters:
+                stated = corrected.setting.nominal != 0.0 and not corrected.setting.is_place
+                stated = stated or corrected.why_no_fault == OF_SHORT_WAY
                 says = "states another number than" if stated else "leaves out what"
                 yield f"The aircraft file {says} is counted with here: {fault.name} (add {fault.identifier})."
-                for other in mended.confounded_with:
+                for other in corrected.confounded_with:
                     yield f"It may as well be {BY_ID[other].name}; to separate them: {fault.manoeuvre}"
                 continue
-            yield f"Mend the measurement first: {fault.name} (add {fault.identifier})."
+            yield f"Correct the measurement first: {fault.name} (add {fault.identifier})."
 
     @property
     def _refused(self) -> list[tuple[Finding, str]]:

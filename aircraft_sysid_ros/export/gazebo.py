@@ -3,7 +3,7 @@
 Formula: ``AdvancedLiftDragPrivate::Update``, src/systems/advanced_lift_drag/AdvancedLiftDrag.cc of gazebosim/gz-sim at
 033d64ce. That source sets ``Cem = Cemb * beta`` after it has added Cem0 and Cema * alpha: neither has an effect.
 Static stability in pitch is therefore given by the point ``cp`` at which the plugin lets the forces act, and Cem0 and
-Cema are 0: right with that source, and right where it is mended. docs/export.md states the formula.
+Cema are 0: right with that source, and right where it is corrected. docs/export.md states the formula.
 """
 
 from __future__ import annotations

@@ -162,7 +162,7 @@ class InFlightCheck:
         return [f"{short_names(f.signals)}: {f.sentence}" for f in self.findings]
 
     def restart(self) -> None:
-        """The clock began anew: what was found stands, and is asked again."""
+        """The clock started over: what was found stands, and is asked again."""
         self._restart()
         if self._triangle is not None:
             self._triangle.restart()

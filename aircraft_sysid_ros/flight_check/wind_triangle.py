@@ -325,7 +325,7 @@ class WindTriangle:
         self.restart()
 
     def restart(self) -> None:
-        """The clock began anew: what was wrong is so until it is seen to be right."""
+        """The clock started over: what was wrong is so until it is seen to be right."""
         self._waiting: list[Samples] = []
         self._flown = np.zeros((0, _WIDTH))
         self._next: int | None = None  # second [s] that is not done yet

@@ -51,7 +51,7 @@ class SampleMemory:
     def add(self, points: Array, bias_std: Array, air_velocity_std: float) -> None:
         """New samples (m, …) of ``CoefficientSample`` with the accuracy (3,) and [m/s] of the states behind them.
 
-        A clock that began anew begins a new memory.
+        A clock that started over begins a new memory.
         """
         for point in points:
             time = float(point[CoefficientSample.TIME])

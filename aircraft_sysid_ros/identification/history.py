@@ -149,7 +149,7 @@ class ParameterCheckpoint:
         return np.nan_to_num(self.describe.values() if self.carried is None else self.said[0])
 
     def without_time(self) -> ParameterCheckpoint:
-        """The same after the clock began anew: what was found then has no age on it."""
+        """The same after the clock started over: what was found then has no age on it."""
         carried = None if self.carried is None else replace(self.carried, time=np.nan)
         return replace(self, describe=self.describe._replace(time=np.nan), carried=carried)
 

@@ -89,7 +89,7 @@ class Identifier:
         self._slot = -np.inf
 
     def restart_clock(self) -> Array:
-        """The clock of the states begins anew: what waits is used, what was learnt stays; returns new samples."""
+        """The clock of the states starts over: what waits is used, what was learnt stays; returns new samples."""
         samples = self.flush()
         self.stream.restart_clock()
         self.learning.restart_clock()

@@ -73,7 +73,7 @@ class Landing:
         self.restart()
 
     def restart(self) -> None:
-        """The clock began anew."""
+        """The clock started over."""
         self._kept: deque[Known] = deque()
         self._motion = np.array([np.inf, 0.0, np.nan])
         self._air: Known | None = None  # what is published on the ground, or was there last

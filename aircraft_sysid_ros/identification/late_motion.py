@@ -124,7 +124,7 @@ class LateMotion:
                 self._begun[m] = np.nan  # what is slow of a term that came is not known
 
     def restart_clock(self) -> None:
-        """The clock began anew, or another manoeuvre."""
+        """The clock started over, or another manoeuvre."""
         self._filter = np.zeros((len(_MOMENTS), 3, self.moments.shape[1]))
         self._begun = np.full(len(_MOMENTS), np.nan)
         self._follows = np.full(COUNT * len(_FOLLOW), np.nan)

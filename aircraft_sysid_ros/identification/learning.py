@@ -183,7 +183,7 @@ class Learning:
         self.health.adopt(aircraft.model)
 
     def restart_clock(self) -> None:
-        """The clock began anew: what was learnt stays."""
+        """The clock started over: what was learnt stays."""
         self.least_squares.restart_clock()
         if self.choice is not None:
             self.choice.restart_clock()

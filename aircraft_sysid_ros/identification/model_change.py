@@ -70,7 +70,7 @@ class ModelChange:
 
     model: str  # id of the version that holds now
     axes: tuple[str, ...]  # whose terms changed
-    restarted: bool  # the learner beside recursive least squares begins anew
+    restarted: bool  # the learner beside recursive least squares starts over
 
 
 def with_terms(aircraft: Aircraft, added: Terms, removed: Terms) -> Aircraft:
@@ -99,7 +99,7 @@ def change_model(estimator: Identifier, aircraft: Aircraft, past: RememberedSamp
     """Go on with the model of ``aircraft``, which differs from that of the estimator in its terms only.
 
     ``past`` are the newest points of the flight (SampleMemory.newest). Axes whose terms stay are not touched, to the
-    bit. A learner other than recursive least squares begins anew with the new model. Raises InputError, with nothing
+    bit. A learner other than recursive least squares starts over with the new model. Raises InputError, with nothing
     changed, where the new terms cannot be told from those that are there or the learner cannot have the model.
     """
     old, new = estimator.model, aircraft.model

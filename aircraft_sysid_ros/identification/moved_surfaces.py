@@ -25,7 +25,7 @@ _DEAD_TIME, _DEAD_LAGS = 0.03, np.array([0.0, 0.03, 0.06, 0.1, 0.16])
 _FIRST_LAG = 1 + len(_DELAYS)
 _FIRST_DEAD = _FIRST_LAG + len(_LAGS)
 FORMS = _FIRST_DEAD + len(_DEAD_LAGS)
-#: A pause [s] that begins anew; samples that are kept.
+#: A pause [s] that starts over; samples that are kept.
 PAUSE, _KEPT = 0.3, 32
 #: Forms of which one between them is made.
 NEAR = 3
@@ -89,7 +89,7 @@ class MovedSurfaces:
         self.restart_clock()
 
     def restart_clock(self) -> None:
-        """The clock began anew, or another manoeuvre."""
+        """The clock started over, or another manoeuvre."""
         self._kept = np.full((_KEPT, 1 + COUNT), np.nan)  # times and surfaces, the newest first
         self._lags = np.full((COUNT, len(_LAGS)), np.nan)
         self._dead_lags = np.full((COUNT, 1 + len(_DEAD_LAGS)), np.nan)  # after what was there the dead time before

@@ -25,7 +25,7 @@ class KnownHistory:
         self._known = [(-np.inf, theta)]
 
     def restart_clock(self) -> None:
-        """The clock began anew: what is known newest holds from its beginning."""
+        """The clock started over: what is known newest holds from its beginning."""
         self._known = [(-np.inf, theta) for _, theta in self._known[-1:]]
 
     def add(self, known: KnownParameters) -> None:

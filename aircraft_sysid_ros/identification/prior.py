@@ -139,7 +139,7 @@ class FleetKnowledge:
         return any(axis is not None for axis in self.axes)
 
     def restart_clock(self) -> None:
-        """The clock began anew."""
+        """The clock started over."""
         self._due = -np.inf
 
     def is_due(self, time: float) -> bool:

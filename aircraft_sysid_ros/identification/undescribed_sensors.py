@@ -87,7 +87,7 @@ SCALE, LAG = 0.06, 0.04
 #: roll that shows it. ``InFlightCheck`` has looked by then, and what it finds holds all that uses the vane.
 UNSEEN, LOOKED, ROLLED, _SIDEWAYS = 0.4, 30.0, 4.0, ("air_data_position", "y")
 #: Slower than this [s] is not asked; time constants [s] of what follows the surfaces; time [s] that gusts last in the
-#: band; memory [s]; time [s] between what is summed; a pause [s] that begins anew.
+#: band; memory [s]; time [s] between what is summed; a pause [s] that starts over.
 _BAND, _FOLLOW, _GUST, _MEMORY, _STEP, _PAUSE = 3.0, (0.3, 1.0), 0.4, 120.0, 0.04, 0.3
 #: Least time [s] that is summed.
 _LEAST = 5.0
@@ -251,7 +251,7 @@ class UndescribedSensors:
         self._forms = np.zeros((0, COUNT, FORMS))
 
     def restart_clock(self) -> None:
-        """The clock began anew, or another manoeuvre."""
+        """The clock started over, or another manoeuvre."""
         self._flown += self._by_this_clock
         self._began = self._newest = np.nan  # [s] first and newest sample in flight by this clock
         self._filter = np.full((len(ANGLES), 4, _SERIES), np.nan)

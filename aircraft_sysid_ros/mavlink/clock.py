@@ -42,7 +42,7 @@ class AutopilotClock:
         self.reset()
 
     def reset(self) -> None:
-        """Forget everything: the remote clock began anew."""
+        """Forget everything: the remote clock started over."""
         self.resets += 1
         self._base: tuple[int, int] | None = None  # remote and local time at the first measurement
         self._x = np.zeros(2)

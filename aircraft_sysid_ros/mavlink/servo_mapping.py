@@ -141,7 +141,7 @@ class ServoMapping:
 
 
 def load_servo_mapping(path: str | Path) -> ServoMapping:
-    """Read and check a calibration file; raises InputError that names the file, the key and what to mend."""
+    """Read and check a calibration file; raises InputError that names the file, the key and what to correct."""
     content = read_yaml(path, "calibration file")
     try:
         return servo_mapping_from_dict({} if content is None else content)

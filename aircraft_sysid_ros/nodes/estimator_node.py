@@ -286,7 +286,7 @@ class EstimatorNode(ConfigurableNode, ABC):
         except np.linalg.LinAlgError as error:
             self.numerical_faults += 1
             when = f"numerical fault of {self.get_name()} at {self.flown:.1f} s of flight ({error})"
-            self.noted.append(f"{when}: what was estimated is forgotten, and begins anew")
+            self.noted.append(f"{when}: what was estimated is forgotten, and starts over")
             self.get_logger().error(self.noted[-1])
             self.begin_anew()
 

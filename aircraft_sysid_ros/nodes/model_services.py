@@ -222,12 +222,12 @@ class ModelServices:
         return f"removed: {' '.join(names)}{note}"
 
     def _change(self, added: Terms, removed: Terms) -> str:
-        """Change the model of the estimator; a note on what began anew."""
+        """Change the model of the estimator; a note on what started over."""
         estimator = self._node.estimator
         name = estimator.learning.published["published"]
         change = change_model(estimator, with_terms(estimator.aircraft, added, removed), self.memory.newest())
         self._due, self._verdict = -np.inf, ""  # what is missing now?
-        return f"; the estimator {name} begins anew with this model" if change.restarted else ""
+        return f"; the estimator {name} starts over with this model" if change.restarted else ""
 
 
 def _without(terms: Terms, gone: Terms) -> Terms:

@@ -27,7 +27,7 @@ class When(Enum):
 
     AT_ONCE = "takes effect at once, in flight too"
     ACTIVATED = "takes effect when the node is activated"
-    CONFIGURED = "takes effect when the node is configured, or activated again, which begins anew"
+    CONFIGURED = "takes effect when the node is configured, or activated again, which starts over"
     STARTED = "read when the process starts"
 
 

@@ -19,7 +19,7 @@ class Pace:
         self._gaps: dict[int, int] = {}  # [ns]
 
     def add(self, parts: Iterable[Samples]) -> None:
-        """Samples of one message, each part of one kind; a stamp that goes back begins anew."""
+        """Samples of one message, each part of one kind; a stamp that goes back starts over."""
         for part in parts:
             if not len(part):
                 continue

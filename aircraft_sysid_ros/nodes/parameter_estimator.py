@@ -313,7 +313,7 @@ class ParameterEstimatorNode(EstimatorNode):
             response.model = load_model(self.estimator, path)
             self.model_services.begin_anew()  # what is known now is not from these samples
             name = self.estimator.learning.published["published"]
-            anew = f"; the estimator {name} begins anew" if self.estimator.learning.lends else ""
+            anew = f"; the estimator {name} starts over" if self.estimator.learning.lends else ""
             response.success, response.message = True, f"read from {path}{anew}"
             self.note_call("load_model", response.message)
         except InputError as error:

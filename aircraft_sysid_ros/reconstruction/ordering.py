@@ -87,7 +87,7 @@ class OrderCounts:
 
 @dataclass(frozen=True)
 class Released:
-    """Samples in time order, stamps less sensor delays; ``restarted``: the clock began anew before them."""
+    """Samples in time order, stamps less sensor delays; ``restarted``: the clock started over before them."""
 
     samples: Samples
     restarted: bool = False
@@ -142,7 +142,7 @@ class TimeOrder:
             yield from self._advance(samples[start:])
 
     def flush(self) -> Iterator[Released]:
-        """Everything that is still held, in time order: the recording ended or the clock began anew."""
+        """Everything that is still held, in time order: the recording ended or the clock started over."""
         held, self._held = self._held, concatenate([])
         if len(held):
             self._released_until = max(self._released_until, int(held.stamp[-1]))

@@ -16,7 +16,7 @@ Array = npt.NDArray[np.float64]
 
 #: Columns of the kinds that servos move; a throttle is none.
 _MOVED = {Kind.CONTROLS: len(SURFACES), Kind.INPUTS: MOST_INPUTS}
-#: A stamp [ns] so much before the newest one is of a clock that began anew.
+#: A stamp [ns] so much before the newest one is of a clock that started over.
 _RESTART = 10**9
 
 

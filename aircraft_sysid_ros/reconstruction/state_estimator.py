@@ -123,7 +123,7 @@ class Watch(Protocol):
         """Write into rows (n, StateField.WIDTH) by rising time, in seconds after ``epoch`` [ns]."""
 
     def restart(self) -> None:
-        """The clock began anew."""
+        """The clock started over."""
 
     def begin_anew(self, since: float) -> None:
         """Another manoeuvre begins, ``since`` [s] after the one before; NaN: of another flight."""

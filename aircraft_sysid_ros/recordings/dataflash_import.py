@@ -82,7 +82,7 @@ def read_dataflash(path: Path) -> LogContent:
     reader.close()
     start, notes = _start(tables)
     if boots > 1:
-        notes.append(f"the clock of the log begins anew, so that it holds {boots} boots: the longest is what was read")
+        notes.append(f"the clock of the log starts over, so that it holds {boots} boots: the longest is what was read")
     if "IMU" not in found and {"ACC", "GYR"} <= found.keys():
         notes.append("ACC and GYR, which IMU_RAW of LOG_BITMASK writes, are not read: set IMU, which writes both")
     if complaints:
@@ -141,7 +141,7 @@ def _letters_of(size: int) -> str:
     return letters
 
 
-#: A clock that goes back by so much [ns], between so many IMU messages in order, has begun anew.
+#: A clock that goes back by so much [ns], between so many IMU messages in order, has started over.
 _BOOT, _SOME = 1_000_000_000, 50
 #: Of GPS that a stamp can have: what is after it is damaged.
 _LAST_WEEK = int((LATEST // NANOSECONDS - GPS_EPOCH) // SECONDS_PER_WEEK)

@@ -169,7 +169,7 @@ def _cut(recording: Recording, segment: Segment) -> Manoeuvre:
     if segment.stop > length + _ROUNDED or segment.start >= length:
         raise InputError(
             f"the segment '{segment.name}' goes from {segment.start:g} to {segment.stop:g} s, but the recording "
-            f"{segment.recording} has {length:.1f} s: mend its start and stop"
+            f"{segment.recording} has {length:.1f} s: correct its start and stop"
         )
     begin = _clock(samples)[0]
     low, high = (begin + round(t * NANOSECONDS) for t in (segment.start, segment.stop))

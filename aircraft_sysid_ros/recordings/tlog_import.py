@@ -1,7 +1,7 @@
 """Telemetry logs (.tlog) of ground stations: MAVLink packets, each after the time of its arrival, read with pymavlink.
 
 Stamps are the autopilot's own times: since start, plus the least (arrival - time since start), so that the delays of
-the radio do not enter. A restart of the autopilot begins anew.
+the radio do not enter. A restart of the autopilot starts over.
 """
 
 from __future__ import annotations

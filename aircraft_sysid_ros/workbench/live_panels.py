@@ -98,7 +98,7 @@ class LiveModelPanel(LivePanel):
             panel.refresh()
 
     def allow(self, allowed: bool) -> None:
-        """Pass it on."""
+        """Whether the panels beside may change the model."""
         for panel in self.side:
             panel.allow(allowed)
 

@@ -43,7 +43,7 @@ class ModelPanel(Panel):
                 self._describe()
             with ui.element("aside").classes("side"):
                 self._errors = Errors(
-                    "Error on flight that was not seen",
+                    "Error on validation data",
                     "in % of the spread of each coefficient; line: noise of the sensors, pale: before the change",
                 )
                 side_tabs(dict(zip(("Where", "Why", "Add"), self.side, strict=True)))
@@ -57,7 +57,7 @@ class ModelPanel(Panel):
             panel.refresh()
 
     def allow(self, allowed: bool) -> None:
-        """Pass it on."""
+        """Whether the panels beside may change the run."""
         for panel in self.side:
             panel.allow(allowed)
 

@@ -44,7 +44,7 @@ class ParametersPanel(Panel):
         self._refine.show()
 
     def allow(self, allowed: bool) -> None:
-        """Pass it on."""
+        """Whether the panels may change the run."""
         super().allow(allowed)
         if self._built:
             self._refine.allow(allowed)
@@ -123,10 +123,10 @@ class StatePanel(Panel):
             self._track(record.state)
 
     def _track(self, state: states.StateHistory) -> None:
-        """Where the model fails, on the map and over the height."""
+        """The error of the model, on the map and over the height."""
         axes = {track.WORST: "worst of all", **{name: AXIS_WORDS[name] for name in self.page.view.comparison.axes}}
         self._axis = self._axis if self._axis in axes else track.WORST
-        with card("Where the model fails: residual over the noise, along the track"):
+        with card("Residual over the noise, along the track"):
             picker = ui.select(axes, value=self._axis, label="axis", on_change=self._choose)
             picker.props("outlined dense options-dense data-testid=track-axis").style("width:190px; margin:8px 0")
             with ui.element("div").classes("grid2"):

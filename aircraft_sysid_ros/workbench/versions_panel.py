@@ -25,9 +25,7 @@ class VersionsPanel(Panel):
         """Make the table, the form of a name, and what stands beside each other."""
         with ui.element("div").classes("view wide"):
             with card("History of the model"):
-                ui.label("Errors in % of the spread, on flight that was not seen. ▲ fails somewhere.").classes(
-                    "soft small"
-                )
+                ui.label("Errors in % of the spread, on validation data. ▲ fails somewhere.").classes("soft small")
                 self._table = Html().props("data-testid=history")
                 self._form()
             self._beside.place = ui.element("div").style("width:100%")

@@ -49,6 +49,8 @@ EVENTS = {
 }
 #: Age [s] from which on parameters are told to be old.
 LATE = 5.0
+#: Share of samples without a command in time from which it is worth a sentence.
+UNANSWERED = 0.02
 #: Share of a tracking error by which another one must differ to be called better or worse.
 MATTERS = 0.05
 _LIBRARY = ctypes.CDLL(None)
@@ -201,9 +203,17 @@ def seen(result: dict[str, Any], parameters: str, fixed: float | None) -> str:
     )
     if parameters != "live":
         return told
+    unanswered = result.get("unanswered", 0) / max(result.get("unanswered", 0) + result.get("commands", 0), 1)
+    if unanswered > UNANSWERED:
+        told += (
+            f" For {unanswered:.0%} of the samples no command came in time: a part of these errors is this machine's."
+        )
     age = result.get("age_of_newest_message") or 0.0
     if age > LATE:
-        told += f" The estimators did not keep up, the newest parameters are {age:.0f} s old: fly with a lower --rate."
+        return (
+            f"{told} The estimators did not keep up, the newest parameters are {age:.0f} s old: what learning does this "
+            "flight does not tell. Fly with a lower --rate (at 0, in step, it is this machine that is too busy)."
+        )
     if fixed is None:
         return f"{told} On fixed parameters the same flight loses the aeroplane: learning helped."
     share = after / fixed - 1.0

@@ -1,5 +1,5 @@
 """``lag(x, tau)`` and ``limited(x, rate)`` in terms: the first-order lag of textbooks, and what moves no faster than it
-can; the same in batches of any size, begun anew at gaps.
+can; the same in batches of any size, started over at gaps.
 """
 
 import numpy as np

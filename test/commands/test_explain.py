@@ -243,9 +243,10 @@ def test_where_a_sensor_holds_all_it_is_to_be_mended_and_nothing_to_be_flown(lea
     """A vane out on the wing: the same doublets once more, in all axes, had been the advice."""
     verdicts = dict.fromkeys(aircraft.model.parameter_names, ("HOLD", f"{contradiction_text(7)} since 26.1 s"))
     said = next_flights(check_json(), Learnt(learnt[1], verdicts), [], None)
-    assert len(said) == 1 and said[0].startswith("Mend that first") and "of the angle of attack contradict" in said[0]
+    (text,) = said
+    assert text.startswith("Correct that first") and "of the angle of attack contradict" in text
     said = next_flights(check_json(), Learnt(learnt[1], verdicts | {"Cm_q": ("HOLD", "no motion")}), [], None)
-    assert [text[:4] for text in said] == ["Mend", "Fly "] and "Cm_q" in said[1]
+    assert [text[:4] for text in said] == ["Corr", "Fly "] and "Cm_q" in said[1]
 
 
 def test_of_axes_of_which_the_model_lacks_something_nothing_is_stated(learnt, aircraft):

@@ -1,4 +1,4 @@
-"""Whose messages are followed: one wrong stamp changes nothing, a clock that begins anew is believed, two are named."""
+"""Whose messages are followed: one wrong stamp changes nothing, a clock that starts over is believed, two are named."""
 
 import numpy as np
 import pytest

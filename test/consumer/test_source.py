@@ -163,7 +163,7 @@ def test_air_data_that_come_in_parts_are_put_together(content):
     answer = source.at(3 * SECOND, Condition(17.0, np.nan, np.nan))["Cm_de"]  # the angles are too old
     assert answer.origin == Origin.HELD
     assert answer.reason == "the flight condition is not known: no angle of attack for 2.0 s, no sideslip for 2.0 s"
-    assert source.at(SECOND // 2, None)["Cm_de"].origin == Origin.HELD  # so they are by a clock that began anew
+    assert source.at(SECOND // 2, None)["Cm_de"].origin == Origin.HELD  # so they are by a clock that started over
     far = source.at(3 * SECOND + SECOND // 2, Condition(np.nan, 0.4, 0.0))["Cm_de"]
     assert far.origin == Origin.PRIOR
 

@@ -87,9 +87,9 @@ def test_a_long_delay_is_told_past_a_valley_and_beside_what_the_file_says(aircra
     library = [BY_ID["actuator_lag"], BY_ID["late_controls"]]
     found = measurement_faults(flight, library, calm)[0]
     assert (found.effect.identifier, found.value) == (name, pytest.approx(late_by, abs=0.01))
-    mended = replace(flight, aircraft=in_file(found, file))
-    assert mended.aircraft.sensors["control_surfaces"].delay == found.value
-    assert all(each.evidence < 1.0 for each in map(try_setting, jobs_of(mended, library, calm)))
+    corrected = replace(flight, aircraft=in_file(found, file))
+    assert corrected.aircraft.sensors["control_surfaces"].delay == found.value
+    assert all(each.evidence < 1.0 for each in map(try_setting, jobs_of(corrected, library, calm)))
 
 
 @pytest.mark.parametrize("start", [-0.3, 0.1])

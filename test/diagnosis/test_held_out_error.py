@@ -60,7 +60,7 @@ def test_one_addition_after_another_in_gusts(aircraft, tmp_path) -> None:
 
 @pytest.mark.long  # the same for terms: test_flight_test_engineer.py; settings: test_versions.py
 def test_a_setting_of_the_sensors(aircraft, tmp_path) -> None:
-    """What mending the scale of a vane does to the errors: the flight is another one with it, and the same for all."""
+    """What correcting the scale of a vane does to the errors: it is another flight with it, and the same for all."""
     truth = with_setting(aircraft, ("sensors", "angle_of_attack", "scale"), 1.15)
     samples = simulate_samples(truth, seed=4, duration=60.0).samples
     run = run_of(aircraft, samples, tmp_path)

@@ -27,19 +27,19 @@ _FEW = [BY_ID["alpha_offset"], replace(BY_ID["probe_offset"], variants=BY_ID["pr
 
 @pytest.fixture(scope="module")
 def offset(aircraft):
-    """A calm flight whose vane is mounted 2 degrees wrong, the setting that says so, and the flight mended with it."""
+    """A calm flight whose vane is mounted 2 degrees wrong, the setting that says so, and the flight with it."""
     samples = simulate_samples(aircraft, 31, 45.0, hidden=[("alpha_offset", 2.0)]).samples
     flight, calm = reconstruct_as_flown(aircraft, samples, with_covariance=False)
     (found,) = measurement_faults(flight, [BY_ID["alpha_offset"]], calm)
-    mended, _ = reconstruct_as_flown(in_file(found, aircraft), samples, with_covariance=False)
-    return flight, calm, found, mended
+    corrected, _ = reconstruct_as_flown(in_file(found, aircraft), samples, with_covariance=False)
+    return flight, calm, found, corrected
 
 
 @pytest.mark.long
 def test_replicas_have_sensors_that_are_right(offset):
-    _, calm, found, mended = offset
-    assert max(in_replicas(found, mended, calm, 3).gains) < 0.1 * found.gain
-    assert chance_of(found, {}, mended, calm, 20, 3) < 0.01
+    _, calm, found, corrected = offset
+    assert max(in_replicas(found, corrected, calm, 3).gains) < 0.1 * found.gain
+    assert chance_of(found, {}, corrected, calm, 20, 3) < 0.01
 
 
 @pytest.mark.long
@@ -50,8 +50,8 @@ def test_surfaces_of_replicas_move_when_they_should(aircraft):
     flight, calm = reconstruct_as_flown(aircraft, early, with_covariance=False)
     found = measurement_faults(flight, [BY_ID["actuator_lag"]], calm)[0]
     assert found.value == pytest.approx(-0.05, abs=0.01)
-    mended, _ = reconstruct_as_flown(in_file(found, aircraft), early, with_covariance=False)
-    assert max(in_replicas(found, mended, calm, 2).gains) < 0.1 * found.gain
+    corrected, _ = reconstruct_as_flown(in_file(found, aircraft), early, with_covariance=False)
+    assert max(in_replicas(found, corrected, calm, 2).gains) < 0.1 * found.gain
 
 
 @pytest.mark.long
@@ -60,8 +60,8 @@ def test_surfaces_of_replicas_move_as_servos_do(aircraft):
     flight, calm = reconstruct_as_flown(aircraft, samples, with_covariance=False)
     found = measurement_faults(flight, [BY_ID["actuator_lag"]], calm)[0]
     assert found.variant.setting[-1] == "lag" and found.value == pytest.approx(0.06, abs=0.012)
-    mended, _ = reconstruct_as_flown(in_file(found, aircraft), samples, with_covariance=False)
-    assert max(in_replicas(found, mended, calm, 2).gains) < 0.1 * found.gain
+    corrected, _ = reconstruct_as_flown(in_file(found, aircraft), samples, with_covariance=False)
+    assert max(in_replicas(found, corrected, calm, 2).gains) < 0.1 * found.gain
 
 
 @pytest.mark.long
@@ -87,7 +87,7 @@ def test_what_replicas_feign_as_well_is_no_fault(aircraft, offset, monkeypatch):
 def test_a_fault_that_a_place_explains_which_the_file_leaves_out_is_none(
     aircraft, offset, monkeypatch, stated, left, needed
 ):
-    """What is left of a fault once the place is mended decides, however likely either is by itself."""
+    """What is left of a fault once the place is corrected decides, however likely either is by itself."""
     flight, calm, found, _ = offset
     without = {k: v for k, v in aircraft.source.items() if k != "air_data_position"}
     file = aircraft_from_dict({**without, "air_data_position": [0.5, 0.0, 0.0]} if stated else without)

@@ -1,4 +1,4 @@
-"""A clock that begins anew in flight: little is lost, and how samples come together changes nothing."""
+"""A clock that starts over in flight: little is lost, and how samples come together changes nothing."""
 
 from itertools import pairwise
 

@@ -232,7 +232,7 @@ def test_a_bias_that_is_still_being_found_is_no_leap(aircraft):
 def test_a_state_that_begins_anew_is_a_sign(aircraft):
     rows = np.vstack([level(500), level(500, begin=10.0)])
     found = looks(aircraft, rows)
-    assert found[25] == ["state reconstruction had to begin anew"]
+    assert found[25] == ["state reconstruction had to start over"]
     assert not any(found[:25] + found[26:])
 
 

@@ -87,7 +87,7 @@ def test_a_node_that_is_to_be_cleaned_up_keeps_the_flight(recording, aircraft_fi
         assert not caller.change(name, Transition.TRANSITION_ACTIVATE)  # it is active, and the client is answered
         assert caller.change(name, Transition.TRANSITION_DEACTIVATE)
         assert not caller.change(name, Transition.TRANSITION_CLEANUP)
-        wanted = [Parameter("frame_prefix", value="uav1/").to_parameter_msg()]  # activated with it the node began anew
+        wanted = [Parameter("frame_prefix", value="uav1/").to_parameter_msg()]  # the node would start over
         (answer,) = caller.call(SetParameters, f"/{name}/set_parameters", parameters=wanted).results
         assert "cannot change: live gives the result" in answer.reason
         assert caller.change(name, Transition.TRANSITION_ACTIVATE)

@@ -83,6 +83,10 @@ def test_the_end_says_what_was_seen_and_whether_learning_helped():
     flown = {"case": "elevator", "lost_at": None, "tracking_error_deg_before": 1.0, "tracking_error_deg_after": 2.0}
     assert fly.seen(flown, "live", 4.0).endswith("learning helped (-50 %).")
     assert "the newest parameters are 26 s old" in fly.seen({**flown, "age_of_newest_message": 26.0}, "live", 2.0)
+    late = fly.seen({**flown, "age_of_newest_message": 26.0}, "live", 2.0)
+    assert "does not tell" in late and "helped" not in late and "harm" not in late
+    busy = fly.seen({**flown, "unanswered": 673, "commands": 6800}, "live", 4.0)
+    assert "For 9% of the samples no command came in time" in busy
     assert fly.seen(flown, "live", 2.05).endswith("it made no difference (-2 %).")
     assert fly.seen(flown, "live", 1.0).endswith("learning did harm (+100 %).")
     assert "loses the aeroplane: learning helped" in fly.seen(flown, "live", None)

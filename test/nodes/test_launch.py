@@ -69,6 +69,9 @@ def test_values_have_the_types_of_the_parameters(bench):
 def test_the_overview_is_started_where_it_is_asked_for():
     found = launched(LAUNCH / "live.launch.py", overview="true", namespace="uav1", autostart="false")
     assert list(found) == [*ESTIMATORS, "overview"] and given(found["overview"]) == {"autostart": False}
+    assert "overview" in launched(LAUNCH / "live.launch.py", overview="True")
+    with pytest.raises(ValueError, match="overview:=maybe is neither true nor false"):
+        launched(LAUNCH / "live.launch.py", overview="maybe")
     assert all("__ns:=/uav1" in words for words in found.values())
 
 

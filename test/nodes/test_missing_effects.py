@@ -121,7 +121,7 @@ def test_another_estimator_says_that_it_begins_anew(bench, raw):
     assert start(state) and start(node)
     play(bench, raw, 0.0, 6.0, state, node)
     answer = add(bench, expression="CZ: alpha**3")
-    assert answer.success and "the estimator fourier begins anew" in answer.message
+    assert answer.success and "the estimator fourier starts over" in answer.message
     parameters.clear()
     play(bench, raw, 6.0, 9.0, state, node)
     bench.spin_until(lambda: bool(parameters))

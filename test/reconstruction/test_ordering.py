@@ -24,7 +24,7 @@ def gps(times) -> Samples:
 
 
 def released(order: TimeOrder, *batches: Samples, flush: bool = True) -> tuple[list[tuple[float, int]], int]:
-    """Times [s] and kinds in the order of release, and how often the clock began anew."""
+    """Times [s] and kinds in the order of release, and how often the clock started over."""
     parts = [part for batch in batches for part in order.push(batch)]
     parts += list(order.flush()) if flush else []
     out = [

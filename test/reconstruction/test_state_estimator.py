@@ -168,7 +168,7 @@ def test_nan_samples_are_counted_and_harmless(kind, flight, aircraft) -> None:
 
 @pytest.mark.long
 def test_stamps_that_go_backwards_for_good_are_a_restart(flight, aircraft) -> None:
-    """The autopilot reboots at 40 s, its clock begins anew: the filter aligns again, keeps its biases."""
+    """The autopilot reboots at 40 s, its clock starts over: the filter aligns again, keeps its biases."""
     time = seconds_of_flight(flight, flight.samples)
     shift = np.where(time > 40.0, 3000 * 10**9, 0)
     samples = flight.samples
@@ -226,7 +226,7 @@ def test_calm_air_is_found_calm(flight, aircraft) -> None:
 
 
 def test_a_state_that_contradicts_gps_is_given_up(flight, aircraft) -> None:
-    """GPS is elsewhere and faster from 50 s on: after some seconds the filter begins anew there, nothing kept."""
+    """GPS is elsewhere and faster from 50 s on: after some seconds the filter starts over there, nothing kept."""
     samples = flight.samples
     time = seconds_of_flight(flight, samples)
     values = samples.values.copy()

@@ -141,7 +141,7 @@ def test_columns_without_names_whose_time_restarts_are_manoeuvres(flown, tmp_pat
     assert all(certainty != "undecided" for certainty, *_ in said.values()) and len(said) == 17
     assert "the columns of fAttas01.asc are named by fAttas01_names.txt" in out
     text = (tmp_path / "map.yaml").read_text()
-    assert "restarts: true" in text and "it begins anew 5 times" in text
+    assert "restarts: true" in text and "it starts over 5 times" in text
     recording, out = imported(source, tmp_path, text, capsys)
     assert "6 manoeuvres, each 10 s after the one before" in out
     segments = yaml.safe_load((tmp_path / "bag.segments.yaml").read_text())

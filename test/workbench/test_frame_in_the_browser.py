@@ -69,7 +69,7 @@ def test_legends_stay_above_their_plot_when_the_window_grows(server, open_page, 
         .map((plot) => Math.abs(plot._fullLayout.width - plot.clientWidth) >= 2 ? null : plot.querySelector('.legend')
             .getBoundingClientRect().bottom - plot.getBoundingClientRect().top - plot._fullLayout._size.t)
     """
-    page.wait_for_function(f"() => ({below})().every((far) => far !== null && far <= 2.0)")  # drawn, and mended
+    page.wait_for_function(f"() => ({below})().every((far) => far !== null && far <= 2.0)")  # drawn, and corrected
     page.wait_for_timeout(700)  # and it stays so
     found = page.evaluate(below)
     assert len(found) > 3 and None not in found and max(found) <= 2.0

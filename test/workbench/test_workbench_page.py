@@ -17,7 +17,7 @@ from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.commands.main import main
 from aircraft_sysid_ros.workbench.run_view import load_run_view
 from aircraft_sysid_ros.workbench.views import places
-from aircraft_sysid_ros.workbench.views.coefficients import time_of
+from aircraft_sysid_ros.workbench.views.coefficients import predicted, time_of
 
 #: Name of the aircraft and of the folder of its run: text on the page, whatever it looks like.
 HOSTILE = "<script>alert(1)<img src=x onerror=alert(1)>"
@@ -189,7 +189,11 @@ def test_values_at_the_pointer_are_those_of_the_time_beside_them(server, open_pa
         text = page.evaluate(READ)[0].replace("−", "-")
         said = dict(line.rsplit(" ", 1) for line in text.splitlines()[1:])
         k = int(np.argmin(np.abs(time - float(text.partition(" s")[0]))))
-        lines = {"measured": measured, "predicted": found.predicted, "residual, held out": found.fit.held_out}
+        lines = {
+            "measured": measured,
+            "predicted": predicted(comparison, "CX"),
+            "residual, held out": found.fit.held_out,
+        }
         assert said.keys() == {name for name, line in lines.items() if np.isfinite(line[k])}
         for name, value in said.items():
             places = len(value.partition(".")[2])

@@ -113,7 +113,7 @@ def _for_parameters(
         unknown = [name for name, reason in learnt.unknown.items() if reason]
         held = next((text for text in _CONTRADICTED if any(text in learnt.unknown[name] for name in unknown)), "")
         if held:
-            yield f"Mend that first, and explain this log again: {held}, and no manoeuvre shows more until then."
+            yield f"Correct that first, and explain this log again: {held}, and no manoeuvre shows more until then."
             unknown = [name for name in unknown if held not in learnt.unknown[name]]
         if unknown and learnt.aircraft.unsaid:
             keys = listed(unsaid_keys(learnt.aircraft))

@@ -355,7 +355,7 @@ def settled_flight(made: Reconstruction) -> FlightData:
 
 
 def given_up(rows: Array) -> list[tuple[float, float]]:
-    """Times [s], from and to, that end where the filter rejected its GPS until it began anew: its state was wrong."""
+    """Times [s], from and to, that end where the filter rejected its GPS until it started over: its state was wrong."""
     time, stretches = rows[:, StateField.TIME], []
     for last in np.flatnonzero(np.diff(time) > LONGEST_GAP).tolist():
         lately = np.flatnonzero(time[: last + 1] > time[last] - _REJECTING)

@@ -137,7 +137,7 @@ def try_setting(job: Job) -> Setting:
     found_so = Setting(effect, variant, start, float(f"{value:.4g}"), best, 0.0, std, beside=beside)
     if feigns and (is_small(variant.setting, value, flight) or not (calm or walk <= THRESHOLDS.calm)):
         best = 0.0
-    elif best > needed and variant.setting[-1] != "drift":  # which begins anew with each half
+    elif best > needed and variant.setting[-1] != "drift":  # which starts over with each half
         without = with_setting(flight.aircraft, ("process_noise", "wind"), walk)
         best = best if _in_both_halves(in_file(found_so, without), without, samples, sensors.noise) else 0.0
     return replace(found_so, gain=best, evidence=best / needed)
@@ -145,9 +145,9 @@ def try_setting(job: Job) -> Setting:
 
 def with_the_other(best: Setting, flight: Reconstruction, calm: bool) -> Setting:
     """A delay of the controls with the lag of the servos beside it, or the other way round, where that gains, too."""
-    mended = replace(flight, aircraft=in_file(best, flight.aircraft))  # the first step does not use them
+    corrected = replace(flight, aircraft=in_file(best, flight.aircraft))  # the first step does not use them
     others = replace(best.effect, variants=tuple(v for v in best.effect.variants if v.setting != best.variant.setting))
-    second = max(map(try_setting, jobs_of(mended, [others], calm)), key=lambda other: other.evidence)
+    second = max(map(try_setting, jobs_of(corrected, [others], calm)), key=lambda other: other.evidence)
     if not second.evidence > 1.0:
         return best
     value = dict(second.beside).get(best.variant.setting, best.value)

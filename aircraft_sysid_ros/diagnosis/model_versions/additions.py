@@ -143,7 +143,7 @@ def _of_terms(flight: FlightData, terms: Mapping[str, tuple[str, ...]]) -> Chang
             if missing:
                 raise InputError(f"'{axis}: {text}' needs {' and '.join(missing)}, which this flight does not have")
             if not np.isfinite(flight.columns(flight.parsed([text]))).any():
-                raise InputError(f"'{axis}: {text}' is not finite at any point of this flight: mend the expression")
+                raise InputError(f"'{axis}: {text}' is not finite at any point of this flight: correct the expression")
     for axis, texts in terms.items():
         unknown = undetermined(flight, axis, texts)
         if unknown:

@@ -2,9 +2,9 @@
 
 A likelihood knows no gusts but a wind that walks at random, and no errors but white ones; what else is in a flight
 makes some setting likelier than none. A replica flies the motion and the wind that the flight has with the setting
-mended, and with sensors that are as they should be, so that the same search finds in it what such a flight feigns. The
-wind of the flight before it was mended will not do: a vane that is mounted wrong is in it as a wind, and replicas in
-that wind would show the same fault.
+corrected, and with sensors that are as they should be, so that the same search finds in it what such a flight feigns.
+The wind of the flight before it was corrected will not do: a vane that is mounted wrong is in it as a wind, and
+replicas in that wind would show the same fault.
 
 A delay of the controls must besides lower the error of a moment that is above what noise makes of it in the replicas,
 as an effect of the library must: where an autopilot holds a course in calm air the surfaces say little of their own, of
@@ -60,17 +60,17 @@ class SettingInReplicas:
 def chance_of(
     fault: Setting,
     errors: Mapping[str, tuple[float, float]],
-    mended: Reconstruction,
+    corrected: Reconstruction,
     calm: bool,
     tried: int,
     count: int,
 ) -> float:
     """Probability that a flight like this one whose sensors are right prefers one of so many settings as much.
 
-    ``errors``: of the axes without and with it; ``mended``: the flight with the setting; ``calm``: whether it was,
+    ``errors``: of the axes without and with it; ``corrected``: the flight with the setting; ``calm``: whether it was,
     before. 1 where there are no replicas.
     """
-    feigned = in_replicas(fault, mended, calm, count)
+    feigned = in_replicas(fault, corrected, calm, count)
     if not np.isfinite(feigned.gains).any():
         return 1.0
     if CONTROLS in fault.variant.setting and not _is_above_noise(errors, feigned.errors):
@@ -87,10 +87,10 @@ def _is_above_noise(errors: Mapping[str, tuple[float, float]], noise: Mapping[st
     )
 
 
-def in_replicas(fault: Setting, mended: Reconstruction, calm: bool, count: int) -> SettingInReplicas:
-    """The setting in so many replicas of the flight that was mended with it."""
+def in_replicas(fault: Setting, corrected: Reconstruction, calm: bool, count: int) -> SettingInReplicas:
+    """The setting in so many replicas of the flight that was corrected with it."""
     flight = replace(
-        mended, aircraft=_with_sensors_right(mended.aircraft, fault), samples=_controls_on_time(mended, fault)
+        corrected, aircraft=_with_sensors_right(corrected.aircraft, fault), samples=_controls_on_time(corrected, fault)
     )  # fmt: skip
     stretches, parameters = repeated_rows(flight, LONGEST), fitted_parameters(settled_flight(flight))
     jobs = [(fault, flight, stretches, parameters, calm, seed) for seed in range(count)]
@@ -101,14 +101,14 @@ def in_replicas(fault: Setting, mended: Reconstruction, calm: bool, count: int) 
 
 
 def _with_sensors_right(aircraft: Aircraft, fault: Setting) -> Aircraft:
-    """The aircraft that a flight was mended with, whose sensors are as the file had them."""
+    """The aircraft that a flight was corrected with, whose sensors are as the file had them."""
     back = -fault.value if fault.is_place else fault.nominal  # a place is moved on
     return with_setting(aircraft, fault.variant.setting, back)
 
 
-def _controls_on_time(mended: Reconstruction, fault: Setting) -> Samples:
+def _controls_on_time(corrected: Reconstruction, fault: Setting) -> Samples:
     """The samples, and where the controls are late those that are not: replicas move by what they do."""
-    samples, key = mended.samples, fault.variant.setting
+    samples, key = corrected.samples, fault.variant.setting
     if CONTROLS not in key:
         return samples
     if key[-1] == "lag":

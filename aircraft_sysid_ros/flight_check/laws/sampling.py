@@ -85,8 +85,8 @@ def _order(stream: Stream, names: tuple[str, ...]) -> list[Finding]:
         severity = WARNING if stream.disordered > 1e-3 * len(stream.time) else INFO
         found.append(Finding(
             names, "jitter", severity,
-            f"{stream.disordered} samples are stamped earlier than the one before them: mend the clock of the sensor, "
-            "or stamp on arrival",
+            f"{stream.disordered} samples are stamped earlier than the one before them: correct the clock of the "
+            "sensor, or stamp on arrival",
         ))  # fmt: skip
     if same > 0.01 * len(stream.time):
         found.append(Finding(

@@ -35,7 +35,7 @@ Integers = npt.NDArray[np.int64]
 
 #: Batches that wait for the first state; older ones are from before it.
 MOST_EARLY = 10_000
-#: Late samples of a kind that are kept, in case the clock began anew and the states have yet to say so.
+#: Late samples of a kind that are kept, in case the clock started over and the states have yet to say so.
 _MOST_BEHIND = 1000
 #: Samples so far [s] ahead of the states are by a clock that was set.
 _FAR_AHEAD = 60.0
@@ -74,7 +74,7 @@ class ControlHistory:
         self.restart_clock()
 
     def restart_clock(self) -> None:
-        """The clock began anew. Samples by the new clock that were late or far ahead by the old one are taken now."""
+        """The clock started over. Samples by the new clock that were late or far ahead by the old one are taken now."""
         behind = self._behind
         known = self.used_until if np.isfinite(self.used_until) else np.inf  # before any was used nothing is far ahead
         ahead = {kind: _after(series, known + _FAR_AHEAD) for kind, series in self._series.items()}

@@ -204,7 +204,7 @@ class FlowAngles:
         self.restart_clock()
 
     def restart_clock(self) -> None:
-        """The clock began anew: the noise of the vanes stays what it was."""
+        """The clock started over: the noise of the vanes stays what it was."""
         self._drift.begin_flight()
         self._tracks[:, _ROW:_SQUARE] = np.nan
         self._tracks[:, [_ROW, _BEFORE, _AFTER]] = -np.inf

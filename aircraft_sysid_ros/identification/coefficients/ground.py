@@ -35,7 +35,7 @@ class Ground:
         self.restart_clock()
 
     def restart_clock(self) -> None:
-        """Times of states begin anew."""
+        """Times of states start over."""
         self._slow_since = np.inf
 
     def below(self, rows: Array) -> Array:

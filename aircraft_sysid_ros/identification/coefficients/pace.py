@@ -97,7 +97,7 @@ class Pace:
         self.restart()
 
     def restart(self) -> None:
-        """The clock began anew; the rate is taken to be what it was."""
+        """The clock started over; the rate is taken to be what it was."""
         self._newest = np.nan
         self._open = np.empty(0)
 

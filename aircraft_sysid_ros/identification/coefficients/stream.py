@@ -115,7 +115,7 @@ class CoefficientStream:
         self._angles.begin_flight()
 
     def restart_clock(self) -> None:
-        """The clock began anew: what waited has been taken."""
+        """The clock started over: what waited has been taken."""
         self._restart()
         self.pace.restart()
         self.controls.restart_clock()
@@ -224,7 +224,7 @@ def is_another_clock(steps: Any, largest_leap: float = LARGEST_LEAP) -> Any:
 
 
 def one_clock(rows: Array, largest_leap: float = np.inf) -> list[Array]:
-    """States (n, StateField.WIDTH) in parts, each in order of time: between them the clock began anew.
+    """States (n, StateField.WIDTH) in parts, each in order of time: between them the clock started over.
 
     So it did where they leap ahead by more than ``largest_leap`` [s].
     """

@@ -86,11 +86,11 @@ class EstimatorChoice:
         self.restart_clock()
 
     def adopt(self, aircraft: Aircraft) -> None:
-        """Another model: a successor begins anew."""
+        """Another model: a successor starts over."""
         self._aircraft, self._refused, self.successor = aircraft, False, None
 
     def restart_clock(self) -> None:
-        """The clock began anew: what the flight has shown stays."""
+        """The clock started over: what the flight has shown stays."""
         self._waiting: deque[_Waiting] = deque()
         self._epoch = 0
         self._vane = np.empty(0), np.empty(0)  # times [s] and values

@@ -103,7 +103,7 @@ class Estimator(Protocol):
         """Forget all that was learnt."""
 
     def restart_clock(self) -> None:
-        """The clock began anew: drop what refers to old times, keep what was learnt."""
+        """The clock started over: drop what refers to old times, keep what was learnt."""
 
     def warm_up(self) -> None:
         """Compile, or load from the cache, every kernel that two seconds of level flight do not reach."""

@@ -67,7 +67,7 @@ def filled(epochs: ImuEpochs, first: int, due: int, longest: float) -> ImuEpochs
         return np.where(weight < 1.0, (1.0 - weight) * series[begin] + weight * series[end], series[end])
 
     inputs, rows = between(epochs.inputs), between(epochs.rows)
-    rows[:, StateField.ORIGIN] = epochs.rows[end][:, StateField.ORIGIN]  # to the bit: another one begins anew
+    rows[:, StateField.ORIGIN] = epochs.rows[end][:, StateField.ORIGIN]  # to the bit: another one starts over
     curved = cubic(epochs.time, epochs.inputs, at, longest)
     inputs = np.where(np.isfinite(curved) & (weight < 1.0), curved, inputs)
     for attitude in (inputs[:, REFERENCE], rows[:, StateField.ATTITUDE]):

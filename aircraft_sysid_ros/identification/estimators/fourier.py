@@ -117,7 +117,7 @@ class FourierEstimator:
         self._bank = new_bank(self._model.offsets, len(self._setting.frequencies))
 
     def restart_clock(self) -> None:
-        """The clock began anew: what was learnt stays, the stretches end."""
+        """The clock started over: what was learnt stays, the stretches end."""
         self._close()
         self._rows.clear()
         for fits in self._fits:

@@ -1,6 +1,6 @@
 """Equation error in the frequency domain after a change of the aeroplane: with what was known before as a prior.
 
-The transforms X (m, n) and Z (m,) of one axis begin anew with the change. With weights W_k = 2 / S_k the prior
+The transforms X (m, n) and Z (m,) of one axis start over with the change. With weights W_k = 2 / S_k the prior
 (theta_0, I_0^-1) enters beside them as
 
     (c Re X* W X + I_0) theta = c Re X* W Z + I_0 theta_0.

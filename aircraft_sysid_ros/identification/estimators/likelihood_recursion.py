@@ -327,7 +327,7 @@ def _explains_nothing(offsets: Integers, recursion: Recursion) -> bool:
 
 @njit(cache=True, error_model="numpy")
 def _lose(recursion: Recursion) -> None:
-    """The filters begin anew at the next knot; after many losses so does all that was learnt."""
+    """The filters start over at the next knot; after many losses so does all that was learnt."""
     clock = recursion.clock
     clock[RESTARTS] += 1.0
     clock[STRIKES] += 1.0

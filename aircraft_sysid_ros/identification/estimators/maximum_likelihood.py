@@ -91,7 +91,7 @@ def _column(signal: str) -> int:
 
 
 class MaximumLikelihoodEstimator:
-    """Estimator of all axes, see ``Estimator``; ``restarts`` counts how often its filters were lost and began anew."""
+    """Estimator of all axes, see ``Estimator``; ``restarts`` counts how often its filters were lost."""
 
     joint = True
 
@@ -131,7 +131,7 @@ class MaximumLikelihoodEstimator:
         self._changed = np.full(len(AXES), -np.inf)
 
     def restart_clock(self) -> None:
-        """The clock began anew: drop what refers to old times, keep what was learnt."""
+        """The clock started over: drop what refers to old times, keep what was learnt."""
         self._past.clear()
         self._open = (np.empty((0, StateField.WIDTH)), np.empty((0, layout.TERM + len(self._names))))
         self._times, self._samples = np.empty(0), np.empty((0, OUTPUT_SIZE))
@@ -279,7 +279,7 @@ class MaximumLikelihoodEstimator:
         return copied(self.recursion), self._waiting.copy(), self._changed.copy()
 
     def restore(self, checkpoint: Checkpoint, *axes: int) -> None:
-        """See ``Estimator``: its filters begin anew."""
+        """See ``Estimator``: its filters start over."""
         put_back(checkpoint[0], self.recursion)
         self._waiting, self._changed = checkpoint[1].copy(), checkpoint[2].copy()
         self._covariance = (-1.0, self._covariance[1])

@@ -7,7 +7,7 @@ The recursion predicts best with theta as least squares has it; what is publishe
 the vanes (``vane_noise``).
 
 It always runs, also where another estimator is published: it knows an axis first, explains no error by noise, and
-therefore says when the aeroplane has changed, how much each term was excited, and what an axis begins anew with.
+therefore says when the aeroplane has changed, how much each term was excited, and what an axis starts over with.
 """
 
 from __future__ import annotations
@@ -168,7 +168,7 @@ class RecursiveLeastSquares:
         self.state = self.new_state(self.model)
 
     def restart_clock(self) -> None:
-        """The clock began anew: what was learnt stays."""
+        """The clock started over: what was learnt stays."""
         self.state.last_valid[:] = -np.inf
 
     def push_samples(self, samples: Samples, epoch: int) -> None:

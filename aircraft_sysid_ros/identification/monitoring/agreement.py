@@ -83,7 +83,7 @@ class SplitHalfAgreement:
         self._fade = forgetting**BLOCK
 
     def forget(self, axis: int) -> None:
-        """Begin an axis anew."""
+        """Start an axis over."""
         self._blocks[axis].clear()
         self._open[axis], self._count[axis], self._before[axis] = 0.0, 0.0, self._nothing(axis)
         self._parts[axis] = None

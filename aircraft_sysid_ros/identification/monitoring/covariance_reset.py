@@ -10,7 +10,7 @@ that of ``lagged_moments`` for coloured residuals with the prior as one more, ex
 
 A change may take its time, as flaps do, and what is learnt while it goes on is of neither aeroplane. So the axis is
 asked again after it: where its samples of the newest seconds, with the prior, say surely another level of the
-coefficient than those before them have, it begins anew from them.
+coefficient than those before them have, it starts over from them.
 
 A surface that has changed acts in more than one axis, and in the others it may not be enough for an alarm: C_Z hardly
 shows that an elevator does half as much, and of what it does then and did before the mean is neither. So what
@@ -91,7 +91,7 @@ class ChangeDetector:
         self.monitor.skip()
 
     def restart_clock(self) -> None:
-        """The clock began anew."""
+        """The clock started over."""
         self.restart()
         self.since[:] = -np.inf
 
@@ -150,7 +150,7 @@ class ChangeDetector:
         """Axes that have changed, as commands; ``state`` is that of least squares, ``start`` [s] of the flight.
 
         Where nothing of an axis ``was_known`` before, the first motion contradicts what noise and gusts made of
-        it in quiet flight: it begins anew as well, and that is no change of the aeroplane.
+        it in quiet flight: it starts over as well, and that is no change of the aeroplane.
 
         ``lateness``: one sigma [s] of how late surfaces may be recorded, which is no change of the aeroplane. Axes with
         terms in time change by those: such a step and a constant that is opened at that moment are one column, and each
@@ -194,7 +194,7 @@ class ChangeDetector:
         return AxisReset(axis, np.nan, nothing, theta, change, change, variance, *none, is_beside=True)
 
     def _settled(self, model: AerodynamicModel) -> list[AxisReset]:
-        """Of axes that changed and are asked again, those that begin anew since the change had gone on."""
+        """Of axes that changed and are asked again, those that start over since the change had gone on."""
         resets = []
         for axis, (reset, due) in [*self._settling.items()]:
             if self._newest < due:

@@ -55,13 +55,13 @@ class Doubts:
         self._ranges.add(asked, samples)
 
     def forget(self, axis: int, goes_back: bool) -> None:
-        """Begin an axis anew; where it ``goes_back`` to what was known, all that was seen of that still counts."""
+        """Start an axis over; where it ``goes_back`` to what was known, all that was seen of that still counts."""
         self.agreement.forget(axis)
         if not goes_back:
             self._ranges.forget(axis)
 
     def restart(self) -> None:
-        """The clock began anew."""
+        """The clock started over."""
         self._disagreeing: dict[int, str] = {}  # parameters
         self._misfits: dict[int, str] = {}  # axes
         self._spared: dict[int, npt.NDArray[np.bool_]] = {}  # parameters (n,) of those of them that are two models

@@ -61,7 +61,7 @@ class ErrorWatch:
         self.restart()
 
     def restart(self) -> None:
-        """The clock began anew."""
+        """The clock started over."""
         self._raised = np.zeros(len(AXES), np.int64)
         self._uneasy_since = np.full(len(AXES), np.nan)
         self._released = np.full(len(AXES), -np.inf)  # [s] when the newest hold of each axis ended

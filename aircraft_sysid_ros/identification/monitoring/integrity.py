@@ -81,7 +81,7 @@ class IntegrityMonitor:
         self.adopt(aircraft)
 
     def adopt(self, aircraft: Aircraft) -> None:
-        """Begin anew, with another model or none learnt."""
+        """Start over, with another model or none learnt."""
         self.model: AerodynamicModel = aircraft.model
         self.sensors = SensorFaultDetector(aircraft)
         self.known_before = KnownBefore(aircraft.model)
@@ -120,7 +120,7 @@ class IntegrityMonitor:
         self.doubts.agreement.forget_at(forgetting)
 
     def restart(self) -> None:
-        """The clock began anew."""
+        """The clock started over."""
         self.sensors.restart()
         self.known_before.restart_clock()
         self.checkpoints.clear()

@@ -80,7 +80,7 @@ class KnownBefore:
         return np.isfinite(self._best[0])
 
     def restart_clock(self) -> None:
-        """The clock began anew: what was known has no age on it."""
+        """The clock started over: what was known has no age on it."""
         self._kept = [kept and kept.without_time() for kept in self._kept]
 
     def of(self, axis: int) -> ParameterCheckpoint | None:

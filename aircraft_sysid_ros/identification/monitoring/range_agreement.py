@@ -253,7 +253,7 @@ class RangeAgreement:
         self._range = [np.zeros((2, 0))] * axes  # of the values that the parts of an axis allow, where they disagree
 
     def forget(self, axis: int) -> None:
-        """Begin an axis anew."""
+        """Start an axis over."""
         self._open[axis], self._open_count[axis] = 0.0, 0.0
         self._count[axis] = self._seen[axis] = 0
         self._words[axis] = ""

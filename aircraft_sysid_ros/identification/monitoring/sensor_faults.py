@@ -67,7 +67,7 @@ _WITHOUT_GPS = Status.WITHOUT_GPS
 CAUSES = tuple(contradiction_text(code) for code in CONTRADICTED)
 LOST = ("no GPS", "no airspeed", "no angle of attack", "no sideslip")
 WORDS = (
-    "state reconstruction had to begin anew", *LOST,
+    "state reconstruction had to start over", *LOST,
     "sensors contradict each other", "measurements are rejected", "an IMU bias leaps", *CAUSES,
 )  # fmt: skip
 (
@@ -258,7 +258,7 @@ class SensorFaultDetector:
         self.restart()
 
     def restart(self) -> None:
-        """The clock began anew."""
+        """The clock started over."""
         self._newest: Array | None = None
         self._suspect = 0  # number in SUSPECTED of whose innovations are too large
         self._gap = 0.0

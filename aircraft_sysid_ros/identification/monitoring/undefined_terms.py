@@ -31,7 +31,7 @@ class UndefinedTerms:
         self.restart()
 
     def restart(self) -> None:
-        """The clock began anew."""
+        """The clock started over."""
         self._last = np.full(len(self._model.parameter_names), -np.inf)  # [s]
 
     def add(self, samples: Array) -> None:
@@ -55,5 +55,5 @@ class UndefinedTerms:
 
 
 def _held(parameter: ParameterEstimate) -> ParameterEstimate:
-    why = "its term is no number where the flight is, and counts as zero: mend or remove it"
+    why = "its term is no number where the flight is, and counts as zero: correct or remove it"
     return replace(parameter, status=Trust.HOLD, reason=why)

@@ -82,7 +82,7 @@ class ColumnMap:
 
 
 def load_column_map(path: str | Path) -> ColumnMap:
-    """Read and check a MAP; raises InputError that names the file, the line and what to mend."""
+    """Read and check a MAP; raises InputError that names the file, the line and what to correct."""
     path = Path(path)
     try:
         text = path.read_text(encoding="utf-8-sig")

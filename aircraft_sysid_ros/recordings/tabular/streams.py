@@ -314,7 +314,7 @@ class _TableReader:
         return list(zip(self._begins, [*self._ends, self._last], strict=True))
 
     def in_order(self, tables: list[Table]) -> list[Table]:
-        """Tables of one pattern by their first time, or by their names where each begins anew."""
+        """Tables of one pattern by their first time, or by their names where each starts over."""
         for table in tables:
             table.position(self.map.time.column)
             for signal in self.map.signals:
@@ -422,7 +422,7 @@ class _TableReader:
         raise InputError(
             f"the time of {table.name} goes back by {seconds:g} s at data row {row}: "
             "sort the rows, or write restarts: true into its time in the map "
-            "where every manoeuvre begins anew"
+            "where every manoeuvre starts over"
         )
 
     def _run_on(self, stamp: Stamps, timed: npt.NDArray[np.bool_]) -> Stamps:

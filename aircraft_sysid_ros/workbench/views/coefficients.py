@@ -113,12 +113,12 @@ def coefficient_figure(
     residuals = []
     if beside is not None and name in beside.axes:
         colours, words = (theme.second, theme.second), ("the other version", "residual, the other version")
-        data += _model(beside.axes[name], time_of(beside.flight), at_beside, colours, words)
+        data += _model(beside, name, at_beside, colours, words)
         residuals.append(beside.axes[name].fit.held_out[at_beside])
     if name in comparison.axes:
         found = comparison.axes[name]
         data += _noise_band(found, time, window, theme)
-        data += _model(found, time, at, (theme.predicted, theme.residual), ("predicted", "residual, held out"))
+        data += _model(comparison, name, at, (theme.predicted, theme.residual), ("predicted", "residual, held out"))
         residuals += [found.fit.held_out[at], 2.0 * found.floor.std[at]]
     ticks = ticks_about_zero(*residuals)
     split, held_out = _RESIDUAL, _held_out(comparison.flight)
@@ -150,16 +150,27 @@ def _moments(comparison: Comparison, beside: Comparison | None, name: str, windo
 def _lines(comparison: Comparison, name: str) -> Array:
     """What is drawn of one axis, (n, 1) or (n, 3): measured, predicted, held-out residual."""
     measured, found = comparison.flight.coefficient(name), comparison.axes.get(name)
-    return np.column_stack([measured] if found is None else [measured, found.predicted, found.fit.held_out])
+    return np.column_stack([measured] if found is None else [measured, predicted(comparison, name), found.fit.held_out])
+
+
+def predicted(comparison: Comparison, name: str) -> Array:
+    """Prediction (n,) of an axis by parameters that have not seen the point: measured less the held-out residual.
+
+    Of points that were in no block, that of the fit.
+    """
+    found, measured = comparison.axes[name], comparison.flight.coefficient(name)
+    unseen = measured - found.fit.held_out
+    return np.where(np.isfinite(unseen), unseen, found.predicted)
 
 
 def _model(
-    found: AxisComparison, time: Array, at: Indices, colours: tuple[str, str], words: tuple[str, str]
+    comparison: Comparison, name: str, at: Indices, colours: tuple[str, str], words: tuple[str, str]
 ) -> list[dict[str, Any]]:
     """Prediction and held-out residual at the moments of some indices."""
+    time, residual = time_of(comparison.flight), comparison.axes[name].fit.held_out
     return [
-        line(time[at], found.predicted[at], colours[0], words[0], width=1.1),
-        line(time[at], found.fit.held_out[at], colours[1], words[1], yaxis="y2", width=1.0),
+        line(time[at], predicted(comparison, name)[at], colours[0], words[0], width=1.1),
+        line(time[at], residual[at], colours[1], words[1], yaxis="y2", width=1.0),
     ]
 
 

@@ -9,7 +9,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from aircraft_sysid_ros.diagnosis.compare import Comparison
-from aircraft_sysid_ros.workbench.views.coefficients import time_of
+from aircraft_sysid_ros.workbench.views.coefficients import predicted, time_of
 from aircraft_sysid_ros.workbench.views.parameters import ParameterRow
 
 
@@ -34,6 +34,11 @@ def coefficients_csv(comparison: Comparison) -> str:
     header, columns = ["time"], [time_of(comparison.flight)]
     for name, found in comparison.axes.items():
         header += [f"{name}_{what}" for what in ("measured", "predicted", "held_out_residual", "noise_sigma")]
-        columns += [comparison.flight.coefficient(name), found.predicted, found.fit.held_out, found.floor.std]
+        columns += [
+            comparison.flight.coefficient(name),
+            predicted(comparison, name),
+            found.fit.held_out,
+            found.floor.std,
+        ]
     table = np.column_stack(columns)
     return _csv(header, ([f"{value:.7g}" if np.isfinite(value) else "" for value in row] for row in table))

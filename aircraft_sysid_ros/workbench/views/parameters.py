@@ -101,7 +101,7 @@ def history_figure(
     return figure(
         theme, data, height,
         xaxis=axis(theme, TIME_TITLE, range=ends.tolist()),
-        yaxis=axis(theme, name, fixedrange=True, **({"range": limits} if limits else {})),
+        yaxis=axis(theme, f"{name} [-], angles in rad", fixedrange=True, **({"range": limits} if limits else {})),
         **TIMED,
         showlegend=True,
         margin={"l": 70, "r": 12, "t": 34, "b": 42},

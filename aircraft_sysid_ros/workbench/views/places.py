@@ -164,7 +164,7 @@ def window_around(spans: list[Span], whole: Span) -> Span:
 #: Where nothing fails; the map beside it may have dark cells all the same.
 NOWHERE = (
     "Nowhere: no stretch of time and no part of the flight envelope is worse than noise alone makes one of so many. "
-    "Of the cells of a map, too, noise alone makes a few dark."
+    "Of the cells of a map, too, noise alone makes a few stand out."
 )
 
 

@@ -59,7 +59,7 @@ def _joined(waiting: list[list[npt.NDArray[Any]]]) -> list[npt.NDArray[Any]]:
 def joined_manoeuvres(tables: list[Named], has_time: Callable[[str, Table], bool]) -> list[Named]:
     """Tables with their names in the MAP, those that are manoeuvres of one layout as one under a pattern.
 
-    They are, where the times of all of them go on, or begin anew with each: where ``has_time`` says so of the whole.
+    They are, where the times of all of them go on, or start over with each: where ``has_time`` says so of the whole.
     """
     by_columns: dict[tuple[str, ...], list[Named]] = {}
     for name, table in tables:

@@ -19,9 +19,9 @@ from aircraft_sysid_ros.samples import PAUSE
 Array = npt.NDArray[np.float64]
 _SHORTEST_STEP, _LONGEST_STEP = 0.0015, 1.5  # [s] of a unit without a name
 _UNIX = (9e8, 2.14e9)  # [s]
-#: A time begins anew where it goes back to within this share of a manoeuvre of its first value, for so many rows.
+#: A time starts over where it goes back to within this share of a manoeuvre of its first value, for so many rows.
 _SAME_BEGIN, _LEAST_ROWS = 0.2, 20
-#: Minute, hour, day and week in s, ms and us: where clocks begin anew by themselves.
+#: Minute, hour, day and week in s, ms and us: where clocks start over by themselves.
 _WRAPS = tuple(period * ticks for period in (60.0, 3600.0, 86_400.0, 604_800.0) for ticks in (1.0, 1e3, 1e6))
 
 
@@ -37,7 +37,7 @@ class TimeGuess:
     evidence: list[str] = field(default_factory=list)
     others: tuple[str, ...] = ()  # further columns that could be it
     offset: float = 0.0  # in its unit, to the clock of the other tables
-    restarts: int = 0  # how often it begins anew; ``seconds`` go on
+    restarts: int = 0  # how often it starts over; ``seconds`` go on
 
     def in_its_unit(self, seconds: float) -> str:
         """A span of time as an offset of the MAP has it; those of texts are in seconds."""
@@ -86,7 +86,7 @@ def why_no_time(table: Table, columns: dict[str, npt.NDArray[Any]]) -> str:
         if len(back):
             return (
                 f"{table.name} is left out: its column '{name}' goes back at data row {back[0] + 2}: make a time of it "
-                "that goes on, or map it with restarts: true where every manoeuvre begins anew"
+                "that goes on, or map it with restarts: true where every manoeuvre starts over"
             )
         return f"{table.name} is left out: the unit of its time '{name}' cannot be told, or it stands still"
     return f"{table.name} is left out: no column of it is named as a time (once) and rises"
@@ -105,7 +105,7 @@ def _candidate(name: str, values: npt.NDArray[Any], unit: str) -> TimeGuess | No
     if restarts is None or not (restarts or known[-1] > known[0]):
         return None
     step = float(np.median(np.diff(known)[rising]))
-    evidence = [f"it begins anew {restarts} times, with a manoeuvre each"] if restarts else []
+    evidence = [f"it starts over {restarts} times, with a manoeuvre each"] if restarts else []
     if unit:
         evidence.append(f"{unit}: said by the header or the name")
     else:
@@ -123,7 +123,7 @@ def _candidate(name: str, values: npt.NDArray[Any], unit: str) -> TimeGuess | No
 
 
 def _restarts(known: Array) -> int | None:
-    """How often times (n,) begin anew, at nearly the first of them; None where they go back otherwise.
+    """How often times (n,) start over, at nearly the first of them; None where they go back otherwise.
 
     A clock that shows the second of a minute or of a day, and that of a manoeuvre of one minute, look alike.
     """
