@@ -18,13 +18,14 @@ Array = npt.NDArray[np.float64]
 SURFACES = ("de", "da", "dr")
 COUNT = len(SURFACES)
 FIRST = SIGNAL_INDEX[SURFACES[0]]
-#: What is tried [s]: later by so much; with so long a time constant; and with so long a one after a dead time.
+#: What is tried [s]: later by so much; with so long a time constant; and with so long a one after each dead time. A
+#: command that is held from one to the next is late by half of what is between them: 10 ms at 50 Hz.
 _DELAYS, _LAGS = np.array([-0.04, 0.04, 0.08, 0.12, 0.2]), np.array([0.03, 0.06, 0.1, 0.16, 0.25])
-_DEAD_TIME, _DEAD_LAGS = 0.03, np.array([0.0, 0.03, 0.06, 0.1, 0.16])
-#: Of each surface: as it is recorded, with each delay, with each lag, and with each after the dead time.
+_DEAD_TIMES, _DEAD_LAGS = np.array([0.01, 0.02, 0.03]), np.array([0.0, 0.03, 0.06, 0.1, 0.16])
+#: Of each surface: as it is recorded, with each delay, with each lag, and with each after each of the dead times.
 _FIRST_LAG = 1 + len(_DELAYS)
 _FIRST_DEAD = _FIRST_LAG + len(_LAGS)
-FORMS = _FIRST_DEAD + len(_DEAD_LAGS)
+FORMS = _FIRST_DEAD + len(_DEAD_TIMES) * len(_DEAD_LAGS)
 #: A pause [s] that starts over; samples that are kept.
 PAUSE, _KEPT = 0.3, 32
 #: Forms of which one between them is made.
@@ -69,8 +70,13 @@ class Course(NamedTuple):
 
 DELAY = Course(False, 0.0, np.array([_DELAYS[0], 0.0, *_DELAYS[1:]]), np.array([1, 0, *range(2, _FIRST_LAG)]))
 LAG = Course(True, 0.0, np.array([0.0, *_LAGS]), np.array([0, *range(_FIRST_LAG, _FIRST_DEAD)]))
-DEAD_LAG = Course(True, _DEAD_TIME, _DEAD_LAGS, np.arange(_FIRST_DEAD, FORMS))
-COURSES = (DELAY, LAG, DEAD_LAG)
+COURSES = (
+    DELAY, LAG,
+    *(
+        Course(True, dead, _DEAD_LAGS, _FIRST_DEAD + i * len(_DEAD_LAGS) + np.arange(len(_DEAD_LAGS)))
+        for i, dead in enumerate(_DEAD_TIMES.tolist())
+    ),
+)  # fmt: skip
 #: Lags among the forms that are good instruments.
 LAGGED = (int(LAG.forms[2]), int(LAG.forms[4]))
 
@@ -92,7 +98,8 @@ class MovedSurfaces:
         """The clock started over, or another manoeuvre."""
         self._kept = np.full((_KEPT, 1 + COUNT), np.nan)  # times and surfaces, the newest first
         self._lags = np.full((COUNT, len(_LAGS)), np.nan)
-        self._dead_lags = np.full((COUNT, 1 + len(_DEAD_LAGS)), np.nan)  # after what was there the dead time before
+        # of the newest sample, and after them what was there the dead time before the one before it, and before that
+        self._dead_lags = np.full((COUNT, len(_DEAD_TIMES), len(_DEAD_LAGS) + 2), np.nan)
 
     def follow(self, samples: Array) -> Array:
         """Forms (n, COUNT, FORMS) of samples (n, …), 0 where there is no surface. The early one is as it is recorded:
@@ -115,7 +122,7 @@ def _forms(samples: Array, kept: Array, lags: Array, dead_lags: Array) -> Array:
         kept[0, 0] = time
         for k in range(COUNT):
             at = SIGNALS_OF_SAMPLE + FIRST + k
-            now, before = samples[i, at], kept[1, 1 + k]
+            now, before, earlier = samples[i, at], kept[1, 1 + k], kept[2, 1 + k]
             kept[0, 1 + k] = now
             if not np.isfinite(now):
                 lags[k] = np.nan
@@ -126,13 +133,17 @@ def _forms(samples: Array, kept: Array, lags: Array, dead_lags: Array) -> Array:
             for j in range(1, len(_DELAYS)):
                 forms[1 + j] = _at(time - _DELAYS[j], kept, k)
             for j in range(len(_LAGS)):
-                lags[k, j] = _lagged(lags[k, j], before, now, step, _LAGS[j])
+                lags[k, j] = _lagged(lags[k, j], earlier, before, now, step, _LAGS[j])
                 forms[_FIRST_LAG + j] = lags[k, j]
-            was, late = dead_lags[k, -1], _at(time - _DEAD_TIME, kept, k)
-            for j in range(len(_DEAD_LAGS)):
-                dead_lags[k, j] = _lagged(dead_lags[k, j], was, late, step, _DEAD_LAGS[j])
-                forms[_FIRST_DEAD + j] = dead_lags[k, j]
-            dead_lags[k, -1] = late
+            at_form = _FIRST_DEAD
+            for dead in range(len(_DEAD_TIMES)):
+                ones = dead_lags[k, dead]
+                earlier, was, late = ones[-2], ones[-1], _at(time - _DEAD_TIMES[dead], kept, k)
+                for j in range(len(_DEAD_LAGS)):
+                    ones[j] = _lagged(ones[j], earlier, was, late, step, _DEAD_LAGS[j])
+                    forms[at_form] = ones[j]
+                    at_form += 1
+                ones[-2], ones[-1] = was, late
     return out
 
 
@@ -149,23 +160,39 @@ def look_ahead(samples: Array, forms: Array) -> None:
 
 
 @njit(cache=True)
-def _lagged(value: float, before: float, now: float, step: float, lag: float) -> float:
-    """What follows with a lag [s], a step [s] after it had a value; at once where it has none, or no lag."""
+def _lagged(value: float, earlier: float, before: float, now: float, step: float, lag: float) -> float:
+    """What follows with a lag [s], a step [s] after it had a value; at once where it has none, or no lag.
+
+    On the parabola through what it follows now, one step before and two: straight lines lose a twentieth at 3 Hz.
+    """
     if lag <= 0.0 or not np.isfinite(value + before):
         return now
-    return float(lagged(value, before, now, step, lag))
+    if not np.isfinite(earlier):
+        return float(lagged(value, before, now, step, lag))
+    slope, bend = (3.0 * now - 4.0 * before + earlier) / (2.0 * step), (now - 2.0 * before + earlier) / (2.0 * step**2)
+    settled = now - lag * slope + 2.0 * lag * lag * bend  # what it would be after the parabola for long, now
+    was = before - lag * (slope - 2.0 * step * bend) + 2.0 * lag * lag * bend  # and a step before
+    return float(settled + np.exp(-step / lag) * (value - was))
 
 
 @njit(cache=True)
 def _at(time: float, kept: Array, k: int) -> float:
-    """A surface at a time [s] before the newest one; before the oldest that is known it stood still."""
+    """A surface at a time [s] before the newest one, on the parabola through the three samples about it; before the
+    oldest that is known it stood still.
+    """
     value: float = kept[0, 1 + k]
     for j in range(1, len(kept)):
-        earlier = kept[j, 1 + k]
-        if not np.isfinite(earlier):
+        if not np.isfinite(kept[j, 1 + k]):
             return value
         if kept[j, 0] <= time:
-            share = (time - kept[j, 0]) / (kept[j - 1, 0] - kept[j, 0])
-            return float(earlier + share * (kept[j - 1, 1 + k] - earlier))
-        value = earlier
+            first = j - 1 if j + 1 < len(kept) and np.isfinite(kept[j + 1, 1 + k]) else j - 2
+            if first < 0:
+                share = (time - kept[j, 0]) / (kept[j - 1, 0] - kept[j, 0])
+                return float(kept[j, 1 + k] + share * (kept[j - 1, 1 + k] - kept[j, 1 + k]))
+            a, b, c = kept[first, 0], kept[first + 1, 0], kept[first + 2, 0]
+            of_a = (time - b) * (time - c) / ((a - b) * (a - c))
+            of_b = (time - a) * (time - c) / ((b - a) * (b - c))
+            of_c = (time - a) * (time - b) / ((c - a) * (c - b))
+            return float(of_a * kept[first, 1 + k] + of_b * kept[first + 1, 1 + k] + of_c * kept[first + 2, 1 + k])
+        value = kept[j, 1 + k]
     return value

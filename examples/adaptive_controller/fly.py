@@ -206,13 +206,13 @@ def seen(result: dict[str, Any], parameters: str, fixed: float | None) -> str:
     unanswered = result.get("unanswered", 0) / max(result.get("unanswered", 0) + result.get("commands", 0), 1)
     if unanswered > UNANSWERED:
         told += (
-            f" For {unanswered:.0%} of the samples no command came in time: a part of these errors is this machine's."
+            f" For {unanswered:.0%} of the samples no command came in time: of these errors a part is the machine's."
         )
     age = result.get("age_of_newest_message") or 0.0
     if age > LATE:
         return (
-            f"{told} The estimators did not keep up, the newest parameters are {age:.0f} s old: what learning does this "
-            "flight does not tell. Fly with a lower --rate (at 0, in step, it is this machine that is too busy)."
+            f"{told} The estimators did not keep up, the newest parameters are {age:.0f} s old: what learning does "
+            "this flight does not tell. Fly with a lower --rate (at 0, in step, it is this machine that is too busy)."
         )
     if fixed is None:
         return f"{told} On fixed parameters the same flight loses the aeroplane: learning helped."
