@@ -32,6 +32,7 @@ from aircraft_sysid_ros.fleet.apart import Failed
 from aircraft_sysid_ros.fleet.flights import AUTOPILOTS
 from aircraft_sysid_ros.reconstruction.absences import NoAirspeedError
 from aircraft_sysid_ros.reconstruction.options import StateOptions
+from aircraft_sysid_ros.recordings.autopilot_bag_import import is_autopilot_bag
 from aircraft_sysid_ros.recordings.losses import losses
 from aircraft_sysid_ros.run_reader import AIRCRAFT, read_parameters, read_points, read_samples, read_state
 
@@ -172,7 +173,7 @@ def _checked(job: Job, imported: Path) -> tuple[CheckedRecording, Path, str]:
 
     A bag is a recording, or, as for ``explain``, the log of an autopilot.
     """
-    if not job.is_log:
+    if not job.is_log and not _is_autopilot_bag(job.recording):
         try:
             checked = check_recording(job.recording, job.aircraft)
         except InputError as refused:
@@ -185,6 +186,14 @@ def _checked(job: Job, imported: Path) -> tuple[CheckedRecording, Path, str]:
     options, unread = _import_options(job)
     import_log(job.recording, imported, **options)
     return check_recording(imported, job.aircraft), imported, unread
+
+
+def _is_autopilot_bag(recording: Path) -> bool:
+    """Whether a recording is a bag of an autopilot's topics; of what cannot be read it says nothing."""
+    try:
+        return is_autopilot_bag(recording)
+    except InputError:
+        return False
 
 
 def _import_options(job: Job) -> tuple[dict[str, Any], str]:

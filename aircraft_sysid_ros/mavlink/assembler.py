@@ -94,6 +94,10 @@ class Output:
         return "map" if self.topic in (WIND_TOPIC, ATTITUDE_TOPIC) else frame_of(self.topic)
 
 
+#: Source of airspeed in a calibration file: there is no sensor.
+NO_AIRSPEED = "none"
+
+
 @dataclass
 class Held:
     """Values of a quantity in order of time, to be looked up; all of a log, or the newest of a flight."""
@@ -143,7 +147,7 @@ class Assembler:
         if self.mapping.filtered_velocity:
             names = self._ranks[Quantity.VELOCITY]
             self._ranks[Quantity.VELOCITY] = tuple(sorted(names, key=lambda name: name != OWN_POSITION))
-        named = self.mapping.airspeed_source
+        named = self._named_source(table)
         if named is not None:
             self._ranks[Quantity.AIRSPEED] = (named,)
         # pressures only by name: their zero is whatever the autopilot took it to be
@@ -156,6 +160,20 @@ class Assembler:
         self._keep: int | None = _KEPT
 
     # -- which source ----------------------------------------------------------------------------------------
+
+    def _named_source(self, table: Table) -> str | None:
+        """The source of airspeed that the calibration file names, as the table has it; raises InputError for none."""
+        named = self.mapping.airspeed_source
+        if named is None or named == NO_AIRSPEED:
+            return named
+        known = (*rank(table, Quantity.AIRSPEED), *rank(table, Quantity.IMPACT_PRESSURE))
+        found = next((name for name in known if name.lower() == named.lower()), None)
+        if found is None:
+            raise InputError(
+                f"source: {named} of airspeed in the calibration file is none of a log or link of this kind, which may "
+                f"have {', '.join(known)}: name one of these, or leave it out for the best that is there"
+            )
+        return found
 
     def choose(self, available: Iterable[str]) -> None:
         """A whole log is at hand: of each quantity the best source of it, throughout."""

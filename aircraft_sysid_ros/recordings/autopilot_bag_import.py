@@ -48,6 +48,16 @@ def import_autopilot_bag(path: Path, mapping: ServoMapping | None = None) -> Imp
     return import_content(content, MAVROS, mapping)
 
 
+def is_autopilot_bag(path: Path) -> bool:
+    """Whether a bag is of MAVROS or px4_msgs and holds nothing that only we write; raises InputError as a bag does.
+
+    Some names of MAVROS are ours, too, so that a part of such a bag can be read as it is.
+    """
+    channels = [*read_raw(path).channels.values()]
+    of_autopilot = any(c.type.startswith(_PX4) or "mavros/" in c.topic for c in channels)
+    return of_autopilot and not any(c.type in _OURS for c in channels)
+
+
 def _is_ours(raw: RawMessages) -> bool:
     """Whether a bag holds what only we read, and nothing from under MAVROS, some of whose names are ours, too."""
     of_mavros = any("mavros/" in channel.topic for channel in raw.channels.values())

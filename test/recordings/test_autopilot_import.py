@@ -12,6 +12,7 @@ from autopilot_log_files import dataflash, ulog, write_bag
 from aircraft_sysid_ros.aircraft.named_inputs import NamedInput
 from aircraft_sysid_ros.commands import import_log
 from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.recordings.autopilot_bag_import import is_autopilot_bag
 from aircraft_sysid_ros.recordings.autopilot_log import gps_nanoseconds
 from aircraft_sysid_ros.recordings.injections import injections
 from aircraft_sysid_ros.recordings.manoeuvres import read_segments
@@ -469,6 +470,28 @@ def test_a_bag_of_mavros_topics(tmp_path, calibration, namespace):
     check_surfaces(recording)
     np.testing.assert_allclose(of_kind(recording, Kind.AIRSPEED).values[3:, 0], expected_true(AIRSPEED), rtol=2e-4)
     assert report["topics"]["gps/vel"]["source"].startswith("global_position/raw/gps_vel, vertical of local_position")
+
+
+def test_a_bag_of_mavros_topics_is_a_log_also_where_mavros_has_our_names(tmp_path):
+    """``mavros/imu/data`` alone would be read as a recording without GPS, air data and surfaces."""
+    messages = [
+        (stamp, topic.replace("data_raw", "data"), kind, fields) for stamp, topic, kind, fields in mavros_messages("")
+    ]
+    assert is_autopilot_bag(write_bag(tmp_path / "mavros", MAVROS_TYPES, messages))
+    ours = [(stamp, topic.replace("/mavros/", "/"), kind, fields) for stamp, topic, kind, fields in messages]
+    assert not is_autopilot_bag(write_bag(tmp_path / "ours", MAVROS_TYPES, ours))
+
+
+@pytest.mark.parametrize(("source", "is_known"), [("VFR_HUD", True), ("vfr_hud", True), ("ARSP", False)])
+def test_a_source_of_airspeed_that_this_kind_of_log_has_not_is_refused(tmp_path, calibration, source, is_known):
+    bag = write_bag(tmp_path / "mavros", MAVROS_TYPES, mavros_messages(""))
+    calibration.write_text(f"{calibration.read_text()}airspeed: {{source: {source}}}\n")
+    if is_known:
+        _, recording = run_import(bag, tmp_path / "bag", calibration)
+        assert len(of_kind(recording, Kind.AIRSPEED))
+        return
+    with pytest.raises(InputError, match=r"source: ARSP of airspeed .* which may have vfr_hud"):
+        run_import(bag, tmp_path / "bag", calibration)
 
 
 # -- what cannot be imported ------------------------------------------------------------------------------------

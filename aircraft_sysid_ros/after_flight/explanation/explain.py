@@ -34,6 +34,7 @@ from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.flight_check.finding import ABSENT, ERROR, INFO, OF_SAMPLING, Finding, joined, short_names
 from aircraft_sysid_ros.flight_check.signals import COMMANDED
 from aircraft_sysid_ros.reconstruction.options import StateOptions
+from aircraft_sysid_ros.recordings.autopilot_bag_import import is_autopilot_bag
 from aircraft_sysid_ros.recordings.autopilot_log import NO_SURFACES
 from aircraft_sysid_ros.recordings.losses import NOT_FINISHED
 from aircraft_sysid_ros.recordings.reader import read_recording
@@ -295,7 +296,7 @@ def _recording(log: Path, target: Path, options: ExplainOptions) -> tuple[Path, 
     if is_bag and options.columns:
         raise InputError(f"--map is for tables: {log} says itself what it holds")
     refused = None
-    if is_bag:
+    if is_bag and not is_autopilot_bag(log):
         try:
             read_recording(log)
         except InputError as error:
