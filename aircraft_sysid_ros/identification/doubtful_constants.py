@@ -5,7 +5,9 @@ large as the first step says. The slopes hardly feel it. The constant of an axis
 
     delta(C_0) = dC/d(angle) * delta(angle)
 
-whatever the number of samples, which no residual shows. Its standard error is widened by that.
+whatever the number of samples, which no residual shows. Its standard error is widened by that. And it belongs to an
+angle of 0, where it is carried by dC/d(angle) from the angles that were flown: where that derivative is not to be used,
+and those angles are further from 0 than one sigma of them, nor is the constant.
 
 Nor are the changes right to the last: what an attitude lags or a wind is late by goes together with what the pilot
 does. An eighth of dC/d(angle) times one sigma of the angle ends in each other term, in flights of a jet without a
@@ -33,6 +35,8 @@ from aircraft_sysid_ros.reconstruction.state import INFERRED, WITHOUT_GPS, State
 Array = npt.NDArray[np.float64]
 
 _NAMES = {"alpha": "angle of attack", "beta": "sideslip"}
+_COLUMNS = {"alpha": StateField.ANGLE_OF_ATTACK, "beta": StateField.SIDESLIP}
+_INFERRED = [code for code, angles in INFERRED.items() if angles]
 _STEP = 1e-4  # [rad] of the derivative
 #: What the error of an inferred angle does to a coefficient, over what a parameter does, from which it is in doubt.
 SHARE = 1.5
@@ -46,6 +50,7 @@ class DoubtfulConstants:
     def __init__(self) -> None:
         self.angles: tuple[str, ...] = ()
         self.std = np.nan  # [rad]
+        self._flown = {angle: (0, 0.0) for angle in _NAMES}  # rows in which they were inferred, and their sum [rad]
         self.without_gps, self.of_manoeuvres = False, False
 
     def note(self, rows: Array) -> None:
@@ -55,6 +60,16 @@ class DoubtfulConstants:
             self.without_gps = int(row[StateField.STATUS]) in WITHOUT_GPS
             self.angles = INFERRED[int(row[StateField.STATUS])]
             self.std = float(row[StateField.AIR_VELOCITY_STD] / max(row[StateField.AIRSPEED], 1e-3))
+            flying = np.isin(rows[:, StateField.STATUS], _INFERRED)
+            for angle, column in _COLUMNS.items():
+                known = rows[flying, column]
+                known, (count, total) = known[np.isfinite(known)], self._flown[angle]
+                self._flown[angle] = count + len(known), total + float(known.sum())
+
+    def _is_extrapolated(self, angle: str) -> bool:
+        """Whether the angles that were flown are further from 0, in the mean, than one sigma of them."""
+        count, total = self._flown[angle]
+        return count > 0 and abs(total / count) > self.std
 
     @property
     def biases(self) -> str:
@@ -92,6 +107,11 @@ class DoubtfulConstants:
                 )
                 if own is not None:
                     parameters[part] = _not_beside(parameters, part, own, noise, angle)
+                    if self._is_extrapolated(angle) and parameters[own].status != Trust.USE:
+                        why = f"is carried to an {_NAMES[angle]} of 0 by {parameters[own].name}, which is not known"
+                        for i in constants:
+                            if parameters[i].status == Trust.USE:
+                                parameters[i] = replace(parameters[i], status=Trust.HOLD, reason=why)
         return replace(estimates, parameters=tuple(parameters), covariance=covariance)
 
 

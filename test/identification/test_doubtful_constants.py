@@ -1,5 +1,7 @@
 """What rests on an angle that no vane measures: its constants, and what is small beside it."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -44,3 +46,23 @@ def test_what_an_inferred_sideslip_does_as_much_as_is_held_and_what_it_does_not_
             assert (p.name in held) == (inferred and error[axis] > 1.5 * abs(p.value) * 0.02), p.name
     assert not {name for name in held if name.startswith(("CX", "CZ", "Cm"))}
     assert not inferred or ("CY_da" in held and "Cl_da" not in held)
+
+
+@pytest.mark.parametrize(("flown", "status"), [(0.06, Trust.HOLD), (0.001, Trust.USE)])
+def test_a_constant_that_an_unknown_derivative_carries_to_an_angle_of_0_is_not_used(aircraft, flown, status):
+    doubt, rows = DoubtfulConstants(), np.zeros((50, StateField.WIDTH))
+    rows[:, StateField.STATUS] = next(code for code, angles in INFERRED.items() if angles == ("alpha", "beta"))
+    rows[:, StateField.AIRSPEED], rows[:, StateField.AIR_VELOCITY_STD] = 17.0, 0.085
+    rows[:, StateField.ANGLE_OF_ATTACK] = flown
+    doubt.note(rows)
+    found, noise = learnt(aircraft, 5.0)
+    unknown = [replace(p, status=Trust.HOLD) if p.name == "CZ_alpha" else p for p in found.parameters]
+    constant = replace(
+        next(p for p in unknown if p.name == "CZ_0"), value=-1.0
+    )  # no standard error is too large for it
+    unknown = tuple(constant if p.name == "CZ_0" else p for p in unknown)
+    point = np.zeros(CoefficientSample.TERMS)
+    doubted = doubt.doubted(replace(found, parameters=unknown), aircraft.model, point, noise).parameters
+    (judged,) = (p for p in doubted if p.name == "CZ_0")
+    assert judged.status is status
+    assert (status is Trust.USE) or "by CZ_alpha, which is not known" in judged.reason

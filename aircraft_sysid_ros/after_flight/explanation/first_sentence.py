@@ -31,7 +31,7 @@ LEAST_USED = 0.4
 #: The mass is doubted where the thrust says another one by this share and by so many standard deviations.
 LEAST_MASS, SURE_MASS = 0.08, 5.0
 #: Warnings of the check that say that a sensor is off. The sign of a surface is a convention, which any model learns.
-_OF_SENSORS = ("offset", "scale", "held", "saturated")
+_OF_SENSORS = ("offset", "scale", "saturated")
 #: What a surface that fails is called.
 _OF_SURFACES = (STUCK, DAMAGED, CHANGE_OF_MOMENTS)
 #: Static margin [% of the chord] below which an aeroplane is hardly stable, by two standard deviations.
@@ -70,7 +70,7 @@ def what_matters(evidence: Evidence) -> list[Said]:
     if not wrong and _found(evidence) and not _inputs_alone(evidence.diagnosis or {}):
         # what the library named this flight has shown: that some parameters are not known hides nothing
         order = (_failed, _lacking, _sensors, _vanes, *of_sound, _little_motion)
-    return [said for find in (*order, _late) for said in find(evidence)] or [_nothing(evidence)]
+    return [said for find in (*order, _late, _held) for said in find(evidence)] or [_nothing(evidence)]
 
 
 def _is_of_force(evidence: Evidence) -> bool:
@@ -179,6 +179,14 @@ def _sensors(evidence: Evidence) -> Iterator[Said]:
         if candidate["kind"] == MEASUREMENT and not (said and _explained_by(candidate["effect"], said)):
             yield Said(str(candidate["effect"]), f"The aircraft file does not describe the sensors as they are: "
                        f"{candidate['name']} ({candidate['where']}){_fall(candidate)}.")  # fmt: skip
+
+
+def _held(evidence: Evidence) -> Iterator[Said]:
+    """What comes more seldom than it is recorded: a matter of the logger, which costs some milliseconds."""
+    said = {error.signal for error in evidence.instruments}
+    for finding in _findings(evidence.check, WARNING):
+        if finding.kind == "held" and not said & set(finding.signals):
+            yield Said("check held", f"Of {short_names(finding.signals)} {finding.sentence}.")
 
 
 def _a_surface_failed(evidence: Evidence) -> bool:

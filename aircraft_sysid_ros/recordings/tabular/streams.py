@@ -31,7 +31,7 @@ _FEWEST_ROWS = 3  # between restarts of a time
 #: new was measured.
 _MAY_STAND_STILL = ("controls", "inputs", "mass", "air_temperature")
 _DAY = 86_400.0  # [s]
-_HELD_SHARE, _FEWEST_NEW = 0.5, 10  # fewer new ones are no sensor but a constant
+_HELD_SHARE, _FEWEST_NEW = 0.45, 10  # fewer new ones are no sensor but a constant
 _LONGEST_HELD = 2.5  # times the usual number of rows, of nine in ten
 _SLOWEST = 5.0 * NANOSECONDS  # usual time between new values: what is slower has been rounded off
 
