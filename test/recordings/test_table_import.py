@@ -271,10 +271,13 @@ def test_the_memory_does_not_grow_with_the_file(tmp_path, monkeypatch):
         time = np.arange(rows) * 0.01
         columns = np.stack([time, np.sin(time), np.cos(time), time % 3.0, time % 7.0], axis=1)
         np.savetxt(tmp_path / "long.csv", columns, fmt="%.5f", delimiter=",", header="t,x,y,z,tab", comments="")
-        tracemalloc.start()
-        import_tables(tmp_path / "long.csv", colmap, tmp_path / "bag", overwrite=True)
-        peaks.append(tracemalloc.get_traced_memory()[1])
-        tracemalloc.stop()
+        tries = []
+        for _ in range(2):  # what other threads of this process allocate meanwhile counts, too
+            tracemalloc.start()
+            import_tables(tmp_path / "long.csv", colmap, tmp_path / "bag", overwrite=True)
+            tries.append(tracemalloc.get_traced_memory()[1])
+            tracemalloc.stop()
+        peaks.append(min(tries))
     assert peaks[2] < 1.2 * peaks[1]
     assert read_recording(tmp_path / "bag").ignored == {"/inputs": 16_000}
     assert len(read_recording(tmp_path / "bag").samples) == 16_000
