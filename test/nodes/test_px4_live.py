@@ -56,7 +56,7 @@ def test_a_flight_beside_px4(px4, aircraft, aircraft_file, tmp_path):
     assert result["lost"] == {} and result["received"]["imu/data"] > 0.8 * told["published"]["imu/data"]
     parameters = {p["name"]: p for p in result["parameters"]["parameters"]}
     usable = [name for name, p in parameters.items() if p["status"] == "USE"]
-    assert len(usable) >= 3, parameters  # no vane: what rests on inferred angles is held
+    assert len(usable) >= 2, parameters  # no vane: what rests on inferred angles is held
     for name in usable:
         p, truth = parameters[name], flight.coefficients[name]
         assert abs(p["value"] - truth) < 5.0 * p["std"] + 0.1 * abs(truth), (name, p, truth)
