@@ -43,6 +43,8 @@ _UNITS: dict[str, dict[float, str]] = {
 _KELVIN, _KELVIN_WORDS = (0.42, 0.56), "give the air temperature in °C, if it is in K: that makes such a density; else "
 #: A ratio is that of a unit within this factor, a large one within a power of it; below the least it is a scale.
 _NEAR, _FAR, _FURTHEST, _LEAST_UNIT = 1.3, 0.2, 2.0, 1.5
+#: And within this one that of a value which was turned from a unit that it never had: 0.514 for knots.
+_TAKEN = 1.08
 #: Which signals are doubted last: of sign, scale and time.
 _PRIOR = dict.fromkeys(ATTITUDE, 1.5) | dict.fromkeys(VELOCITY, 1.6) | dict.fromkeys(COMMANDED, 0.5)
 _SCALE_PRIOR = dict.fromkeys((*ATTITUDE, *GEODETIC[:2]), 1.5)
@@ -170,6 +172,10 @@ def _ratio(fault: Fault) -> tuple[Finding, float]:
         text = f"{text}: {IS_IN}{units[nearest]}, divide it by {nearest:.6g}"
         return Finding((name,), "unit", ERROR, text), nearest
     text = f"it is {ratio:.3f} times (between {low:.3f} and {high:.3f}) what it should be by {against}"
+    taken = min(units, key=lambda unit: abs(np.log(unit * ratio)), default=1.0)
+    if units and max(ratio, 1.0 / ratio) > _LEAST_UNIT and 1.0 / _TAKEN < taken * ratio < _TAKEN:
+        remedy = f"it looks as if it had been taken for {units[taken]} and is not: correct its unit, or multiply it by"
+        return Finding((name,), "unit", ERROR, f"{text}: {remedy} {taken:.6g}"), 1.0 / taken
     kind, severity = ("unit", ERROR) if max(ratio, 1.0 / ratio) > 2.0 else ("scale", WARNING)
     first = _KELVIN_WORDS if name == "air_density" and _KELVIN[0] < ratio < _KELVIN[1] else ""
     return Finding((name,), kind, severity, f"{text}: {first}calibrate it, or divide it by {ratio:.3f}"), ratio
