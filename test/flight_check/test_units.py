@@ -17,7 +17,7 @@ KNOTS = 1.943844  # in a metre per second
 )
 def test_an_airspeed_with_the_factor_of_a_unit(factor, words):
     aircraft = default_aircraft()
-    samples = simulate_samples(aircraft, 3, 90.0, manoeuvres="speeds").samples
+    samples = simulate_samples(aircraft, 3, 120.0, manoeuvres="speeds").samples
     values = samples.values.copy()
     values[samples.kind == Kind.AIRSPEED, 0] *= factor
     found = check(flight_of(Samples(samples.stamp, samples.kind, values), samples.stamp), aircraft.model).findings
