@@ -78,6 +78,9 @@ def read_dataflash(path: Path) -> LogContent:
         for name, (offsets, form) in wanted.items()
     }
     found = {name: int(reader.counts[n]) for name, n in reader.name_to_id.items() if reader.counts[n]}
+    ends = [int(reader.offsets[n][-1]) + form.len for n, form in reader.formats.items() if len(reader.offsets[n])]
+    last = max(ends, default=0)
+    breaks_off = last > len(content) or bool(content[last:].any())  # zeros fill the last block of a card
     del content
     reader.close()
     start, notes = _start(tables)
@@ -85,6 +88,8 @@ def read_dataflash(path: Path) -> LogContent:
         notes.append(f"the clock of the log starts over, so that it holds {boots} boots: the longest is what was read")
     if "IMU" not in found and {"ACC", "GYR"} <= found.keys():
         notes.append("ACC and GYR, which IMU_RAW of LOG_BITMASK writes, are not read: set IMU, which writes both")
+    if breaks_off:
+        notes.append("the log breaks off in the middle of a message: what came before it was read")
     if complaints:
         notes.append("the file is damaged in places: what could be read was")
     if damaged:

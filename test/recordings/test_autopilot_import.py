@@ -221,6 +221,14 @@ def test_dataflash_with_vanes_and_without_calibration(tmp_path):
     np.testing.assert_allclose(of_kind(recording, Kind.AIRSPEED).values[:, 0], 1.1 * AIRSPEED, rtol=1e-6)
 
 
+@pytest.mark.parametrize(("cut", "filled", "breaks_off"), [(0, 0, False), (0, 300, False), (5, 0, True), (1, 0, True)])
+def test_a_dataflash_log_that_breaks_off_says_so(tmp_path, cut, filled, breaks_off):
+    log, whole = tmp_path / "flight.bin", dataflash(FORMATS, dataflash_rows())
+    log.write_bytes(whole[: len(whole) - cut] + bytes(filled))
+    report, _ = run_import(log, tmp_path / "bag")
+    assert any("breaks off in the middle of a message" in note for note in report["notes"]) is breaks_off
+
+
 def test_a_damaged_dataflash_gives_what_can_be_read(tmp_path):
     data = bytearray(dataflash(FORMATS, dataflash_rows()))
     at = len(data) // 2
