@@ -120,9 +120,10 @@ def _forms(samples: Array, kept: Array, lags: Array, dead_lags: Array) -> Array:
             dead_lags[:] = np.nan
         kept[1:] = kept[:-1].copy()
         kept[0, 0] = time
+        evenly = abs(kept[1, 0] - kept[2, 0] - step) < 0.1 * step  # NaN: no
         for k in range(COUNT):
             at = SIGNALS_OF_SAMPLE + FIRST + k
-            now, before, earlier = samples[i, at], kept[1, 1 + k], kept[2, 1 + k]
+            now, before, earlier = samples[i, at], kept[1, 1 + k], kept[2, 1 + k] if evenly else np.nan
             kept[0, 1 + k] = now
             if not np.isfinite(now):
                 lags[k] = np.nan
@@ -138,7 +139,8 @@ def _forms(samples: Array, kept: Array, lags: Array, dead_lags: Array) -> Array:
             at_form = _FIRST_DEAD
             for dead in range(len(_DEAD_TIMES)):
                 ones = dead_lags[k, dead]
-                earlier, was, late = ones[-2], ones[-1], _at(time - _DEAD_TIMES[dead], kept, k)
+                was, late = ones[-1], _at(time - _DEAD_TIMES[dead], kept, k)
+                earlier = ones[-2] if evenly else np.nan
                 for j in range(len(_DEAD_LAGS)):
                     ones[j] = _lagged(ones[j], earlier, was, late, step, _DEAD_LAGS[j])
                     forms[at_form] = ones[j]
