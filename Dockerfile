@@ -3,7 +3,8 @@
 #   docker build --tag aircraft-sysid .
 #   docker run --rm aircraft-sysid make demo
 #   docker run --rm aircraft-sysid make test
-#   docker run --rm --network host --volume "$PWD:/flights" --workdir /flights aircraft-sysid aircraft-sysid live --aircraft my.yaml --out today
+#   docker run --rm --network host --user "$(id -u)" --env HOME=/tmp --volume "$PWD:/flights" --workdir /flights \
+#       aircraft-sysid aircraft-sysid live --aircraft my.yaml --out today
 #
 # Debian and Ubuntu alike: --build-arg BASE=ubuntu:24.04
 ARG BASE=debian:bookworm-slim
