@@ -49,7 +49,8 @@ def start_ros(arguments: Sequence[str] = ()) -> None:
         rclpy.init(args=[*arguments], signal_handler_options=SignalHandlerOptions.NO)
     except RuntimeError as error:  # rclpy has one for each
         reason = re.split(r"\. Error:|, at /|\[ERROR\]", " ".join(str(error).split()))[0]
-        raise InputError(f"{' '.join(arguments)}: {reason.removeprefix('failed to initialize rcl: ')}") from None
+        reason = re.sub(r"^\[(.*)\]$", r"ROS does not know \1", reason.removeprefix("failed to initialize rcl: "))
+        raise InputError(f"{' '.join(arguments)}: {reason}" if arguments else reason) from None
 
 
 def missing_ros(error: ImportError) -> InputError:

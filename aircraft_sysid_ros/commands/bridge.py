@@ -130,7 +130,8 @@ def render(result: dict[str, Any]) -> str:
 def _check(args: argparse.Namespace) -> None:
     """What the node would only log, as one clear line before it starts."""
     try:
-        from aircraft_sysid_ros.mavlink.assembler import only_known_topics
+        from aircraft_sysid_ros.mavlink.assembler import check_sources, only_known_topics
+        from aircraft_sysid_ros.mavlink.mavlink_table import MAVLINK
         from aircraft_sysid_ros.mavlink.requests import Requests
         from aircraft_sysid_ros.mavlink.servo_mapping import load_servo_mapping
         from aircraft_sysid_ros.mavlink.signing import load_key
@@ -139,7 +140,9 @@ def _check(args: argparse.Namespace) -> None:
         raise MissingExtra("bridges", "pymavlink", "bridge") from None
     address = parse_address(args.connection)
     if args.calibration:
-        Requests(load_servo_mapping(args.calibration).rates)
+        mapping = load_servo_mapping(args.calibration)
+        Requests(mapping.rates)
+        check_sources(MAVLINK, mapping, args.calibration)
     if args.signing_key:
         load_key(args.signing_key)
     if args.peer and address.kind != "udpin":

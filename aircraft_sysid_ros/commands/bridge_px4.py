@@ -8,8 +8,9 @@ from typing import Any
 
 from aircraft_sysid_ros.commands.options import absolute_namespace
 from aircraft_sysid_ros.errors import InputError
-from aircraft_sysid_ros.mavlink.assembler import only_known_topics
+from aircraft_sysid_ros.mavlink.assembler import check_sources, only_known_topics
 from aircraft_sysid_ros.mavlink.px4_listener import FMU_OUT
+from aircraft_sysid_ros.mavlink.px4_table import PX4
 from aircraft_sysid_ros.mavlink.servo_mapping import load_servo_mapping
 
 SCHEME = "dds:"
@@ -34,7 +35,7 @@ def check(args: argparse.Namespace) -> None:
         raise InputError(f"--back sends MAVLink: it needs a bridge of its own, without {SCHEME}")
     only_known_topics(args.topics, "--topics: unknown topic")
     if args.calibration:
-        load_servo_mapping(args.calibration)
+        check_sources(PX4, load_servo_mapping(args.calibration), args.calibration)
 
 
 def node(args: argparse.Namespace) -> Callable[[], Any]:

@@ -153,9 +153,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _parsed(arguments: Sequence[str]) -> argparse.Namespace:
     """Options of the command; what it imports stays to the end of the process and is spared by the collector."""
     command = next((word for word in arguments if not word.startswith("-")), None)
-    end = arguments.index(_ROS) if command in _OF_ROS and _ROS in arguments else len(arguments)
-    args = build_parser(command, arguments[:end]).parse_args(arguments[:end])
-    args.ros_args = arguments[end:]
+    own, ros = [*arguments], []
+    if command in _OF_ROS and _ROS in own:  # up to the end, or to what ROS ends its own words with
+        begin = own.index(_ROS)
+        end = own.index("--", begin) if "--" in own[begin:] else len(own)
+        own, ros = own[:begin] + own[end + 1 :], own[begin:end]
+    args = build_parser(command, own).parse_args(own)
+    args.ros_args = ros
     if not gc.isenabled():
         gc.freeze()
         gc.enable()

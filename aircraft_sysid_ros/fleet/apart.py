@@ -21,7 +21,7 @@ from typing import Any
 from aircraft_sysid_ros.errors import InputError, one_line
 from aircraft_sysid_ros.processes import CORES, ONE_THREAD, end_with
 
-#: How often a process is started over that was killed from outside.
+#: How often a process is restarted that was killed from outside.
 TRIES = 3
 #: What the system refuses at times: it says nothing of the flight.
 _OF_THE_MACHINE = (errno.ENOSPC, errno.EDQUOT, errno.EIO, errno.ENOMEM, errno.EMFILE, errno.ENFILE, errno.EROFS)

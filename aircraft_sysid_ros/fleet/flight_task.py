@@ -173,13 +173,15 @@ def _checked(job: Job, imported: Path) -> tuple[CheckedRecording, Path, str]:
 
     A bag is a recording, or, as for ``explain``, the log of an autopilot.
     """
-    if not job.is_log and not _is_autopilot_bag(job.recording):
+    if not job.is_log:
+        as_log = replace(job, is_log=True, options=replace(job.options, map=None))  # a map is for tables
+        if _is_autopilot_bag(job.recording):
+            return _checked(as_log, imported)
         try:
             checked = check_recording(job.recording, job.aircraft)
         except InputError as refused:
             try:
-                without = replace(job.options, map=None)  # which is for tables
-                return _checked(replace(job, is_log=True, options=without), imported)
+                return _checked(as_log, imported)
             except InputError:
                 raise refused from None
         return checked, job.recording, _unread(job, "a recording says its deflections itself")

@@ -390,6 +390,8 @@ class WindTriangle:
             self._take(second)
             if second % LOOK == 0 and len(self._flown) >= LEAST and self._flown[-1, _TIME] > second - LOOK:
                 self._judge()
+            elif second % LOOK == 0:
+                self._was_too_large = None
 
     def _take(self, second: int) -> None:
         """Keep what GPS and airspeed say of a second [s]."""

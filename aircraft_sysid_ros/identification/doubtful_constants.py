@@ -107,11 +107,13 @@ class DoubtfulConstants:
                 )
                 if own is not None:
                     parameters[part] = _not_beside(parameters, part, own, noise, angle)
-                    if self._is_extrapolated(angle) and parameters[own].status != Trust.USE:
-                        why = f"is carried to an {_NAMES[angle]} of 0 by {parameters[own].name}, which is not known"
-                        for i in constants:
-                            if parameters[i].status == Trust.USE:
-                                parameters[i] = replace(parameters[i], status=Trust.HOLD, reason=why)
+            for angle in filter(self._is_extrapolated, self.angles):
+                own = next((i for i in range(part.start, part.stop) if parameters[i].name == f"{name}_{angle}"), None)
+                if own is not None and parameters[own].status != Trust.USE:
+                    why = f"is carried to an {_NAMES[angle]} of 0 by {parameters[own].name}, which is not known"
+                    for i in constants:
+                        if parameters[i].status == Trust.USE:
+                            parameters[i] = replace(parameters[i], status=Trust.HOLD, reason=why)
         return replace(estimates, parameters=tuple(parameters), covariance=covariance)
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -135,6 +136,14 @@ def _wide(values: Array, width: int) -> Array:
     return np.pad(values, ((0, 0), (0, width - values.shape[1])), constant_values=np.nan)
 
 
+def check_sources(table: Table, mapping: ServoMapping, path: str | Path) -> None:
+    """Raises InputError, with the name of the calibration file, for a source that a table does not have."""
+    try:
+        Assembler(table, mapping)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
+
+
 class Assembler:
     """Makes messages of our topics from readings of one table's sources.
 
@@ -164,14 +173,14 @@ class Assembler:
     def _named_source(self, table: Table) -> str | None:
         """The source of airspeed that the calibration file names, as the table has it; raises InputError for none."""
         named = self.mapping.airspeed_source
-        if named is None or named == NO_AIRSPEED:
+        if named is None or named.lower() == NO_AIRSPEED:
             return named
         known = (*rank(table, Quantity.AIRSPEED), *rank(table, Quantity.IMPACT_PRESSURE))
         found = next((name for name in known if name.lower() == named.lower()), None)
         if found is None:
             raise InputError(
                 f"source: {named} of airspeed in the calibration file is none of a log or link of this kind, which may "
-                f"have {', '.join(known)}: name one of these, or leave it out for the best that is there"
+                f"have {', '.join(known)}: name one of these, {NO_AIRSPEED}, or leave it out for the best that is there"
             )
         return found
 

@@ -67,6 +67,7 @@ class ModelServices:
     def _restart(self) -> None:
         self._due, self._begun, self._spent, self._stamp = -np.inf, 0.0, 0.0, 0
         self._verdict = ""  # of the newest search
+        self._has_told = False  # anything, in this flight
         self._is_stale = False  # what the search that runs looks at has been forgotten
 
     # -- lifecycle -----------------------------------------------------------------------------------------------
@@ -84,8 +85,8 @@ class ModelServices:
         self.memory.clear()
         self._due, self._verdict = -np.inf, ""
         self._is_stale = self._worker is not None and self._worker.busy
-        self._stamp = self._stamp or self._node.get_clock().now().nanoseconds
-        self._publish({"model": self._node.estimator.model.identifier, "verdict": "", "advice": _FORGOTTEN})
+        if self._has_told:  # what was never looked for needs no taking back
+            self._publish({"model": self._node.estimator.model.identifier, "verdict": "", "advice": _FORGOTTEN})
 
     def use(self, options: DiagnosisOptions) -> None:
         """Search with other options from the next search on; a period that is set begins with a search."""
@@ -154,6 +155,7 @@ class ModelServices:
             self._publish({**answer.content, "candidates": candidates})
 
     def _publish(self, content: dict[str, Any]) -> None:
+        self._has_told = True
         message = common.fill(MissingEffects(), content)
         self._publisher.publish(common.stamp_of(message, self._stamp, self._node.frame(BASE_FRD)))
 

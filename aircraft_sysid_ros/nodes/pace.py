@@ -7,6 +7,7 @@ from collections.abc import Iterable
 from aircraft_sysid_ros.samples import Kind, Samples
 
 _SECOND = 1e9
+_LATE = 1_000_000_000  # [ns] a sample is late at most
 
 
 class Pace:
@@ -19,18 +20,19 @@ class Pace:
         self._gaps: dict[int, int] = {}  # [ns]
 
     def add(self, parts: Iterable[Samples]) -> None:
-        """Samples of one message, each part of one kind; a stamp that goes back starts over."""
+        """Samples of one message; one that is late counts, and a clock that goes back starts over."""
         for part in parts:
-            if not len(part):
-                continue
-            kind, stamp = int(part.kind[0]), int(part.stamp[0])
-            before = self._newest.get(kind)
-            self._newest[kind] = stamp
-            if before is None or stamp < before:
-                self._begin[kind], self._counts[kind] = stamp, 0
-                continue
-            self._counts[kind] = self._counts.get(kind, 0) + 1
-            self._gaps[kind] = max(self._gaps.get(kind, 0), stamp - before)
+            for kind, stamp in zip(part.kind.tolist(), part.stamp.tolist(), strict=True):
+                self._take(kind, stamp)
+
+    def _take(self, kind: int, stamp: int) -> None:
+        before = self._newest.get(kind)
+        if before is None or stamp < before - _LATE:
+            self._newest[kind], self._begin[kind], self._counts[kind] = stamp, stamp, 0
+            return
+        self._counts[kind] = self._counts.get(kind, 0) + 1
+        if stamp > before:
+            self._gaps[kind], self._newest[kind] = max(self._gaps.get(kind, 0), stamp - before), stamp
 
     def read(self) -> dict[str, str]:
         """Rate [Hz] and largest gap [s] since the last reading, of each kind that has ever come."""

@@ -49,13 +49,15 @@ def import_autopilot_bag(path: Path, mapping: ServoMapping | None = None) -> Imp
 
 
 def is_autopilot_bag(path: Path) -> bool:
-    """Whether a bag is of MAVROS or px4_msgs and holds nothing that only we write; raises InputError as a bag does.
+    """Whether a bag is of MAVROS or px4_msgs; raises InputError as a bag does.
 
-    Some names of MAVROS are ours, too, so that a part of such a bag can be read as it is.
+    Some names of MAVROS are ours, too, so that a part of such a bag can be read as it is. What only we write, or an IMU
+    by our name that is not of MAVROS, makes a recording of it, whatever else it holds.
     """
     channels = [*read_raw(path).channels.values()]
-    of_autopilot = any(c.type.startswith(_PX4) or "mavros/" in c.topic for c in channels)
-    return of_autopilot and not any(c.type in _OURS for c in channels)
+    others = [c for c in channels if not (c.type.startswith(_PX4) or "mavros/" in c.topic)]
+    is_recording = any(c.type in _OURS or f"/{c.topic.lstrip('/')}".endswith("/imu/data") for c in others)
+    return len(others) < len(channels) and not is_recording
 
 
 def _is_ours(raw: RawMessages) -> bool:

@@ -3,7 +3,7 @@
 import numpy as np
 
 from aircraft_sysid_ros.nodes.pace import Pace
-from aircraft_sysid_ros.samples import Kind, samples_of
+from aircraft_sysid_ros.samples import Kind, concatenate, samples_of
 
 MILLISECOND = 1_000_000
 
@@ -22,6 +22,23 @@ def test_rate_and_gap_are_those_since_the_last_reading():
     }  # fmt: skip
     heard(pace, 2010, 2510, 2520)
     assert pace.read() == {"imu.rate": f"{3 / 0.52:.4g}", "imu.largest_gap": "0.5", "gps_position.rate": "0"}
+
+
+def test_a_late_sample_counts_and_is_no_gap():
+    pace = Pace()
+    heard(pace, 1000, 1010, 1030, 1020, 1040)
+    assert pace.read() == {"imu.rate": "100", "imu.largest_gap": "0.02"}
+
+
+def test_samples_of_several_kinds_come_together():
+    pace = Pace()
+    for stamp in (1000, 1100, 1200):
+        both = [
+            samples_of(kind, np.array([stamp * MILLISECOND]), np.zeros((1, 1))) for kind in (Kind.AIR, Kind.AIRSPEED)
+        ]
+        pace.add([concatenate(both)])
+    found = pace.read()
+    assert (found["air.rate"], found["airspeed.rate"]) == ("10", "10")
 
 
 def test_a_clock_that_begins_anew_is_no_gap():

@@ -18,7 +18,7 @@ from aircraft_sysid_ros.identification.options import ParameterOptions
 from aircraft_sysid_ros.pipeline import Pipeline
 from aircraft_sysid_ros.ros_messages.output_messages import model_error_content
 from aircraft_sysid_ros.simulation.simulated_flight import default_aircraft, simulate_samples
-from aircraft_sysid_ros.workbench import live_session
+from aircraft_sysid_ros.workbench import live_session, markup
 from aircraft_sysid_ros.workbench.live_flight import MOST_ERRORS, MOST_STATES, LiveFlight
 from aircraft_sysid_ros.workbench.live_link import ANSWER, NO_ROS, PRESENCE, READY
 from aircraft_sysid_ros.workbench.views import live
@@ -124,9 +124,11 @@ def test_rows_cards_and_figures() -> None:
     assert live.failing_axes(missing, "a") == {"Cl"} and not live.failing_axes(missing, "b")
     row = next(row for row in live.axis_rows(errors(0.0), {"Cl"}) if row.axis == "Cl")
     assert (row.held_out, row.state, row.floor) == (0.3, FAILS, pytest.approx(0.075))
-    for over_noise, state in ((1.5, NOISE), (3.5, MORE), (np.nan, SHORT)):
+    for over_noise, state in ((1.5, NOISE), (4.0, MORE), (np.nan, SHORT)):
         (row,) = (row for row in live.axis_rows(errors(0.0, over_noise=over_noise)) if row.axis == "Cl")
         assert (row.held_out, row.state) == (0.3, state) and (row.floor is None) == np.isnan(over_noise)
+        assert state in markup.state_words(row) and "30.0 %" in markup.axis_head(row)
+        assert ("noise 7" in markup.axis_head(row)) == (over_noise == 4.0)
     card, other = live.cards({**missing, "candidates": [candidate(), candidate(effect="", expression="Cm: q**2")]})
     assert (card.key, card.title) == ("dihedral_alpha", "Dihedral effect that depends on lift")
     assert card.physics and card.manoeuvre and card.gain == "36.0 % → 4.0 %"

@@ -15,6 +15,9 @@ from aircraft_sysid_ros.kernels import njit
 
 Array = npt.NDArray[np.float64]
 
+#: Windows that share nothing from which on it is said that a residual is white.
+_FEWEST = 10
+
 
 @dataclass(frozen=True)
 class AxisError:
@@ -45,6 +48,7 @@ def model_errors(samples: Array, apart: int, over_noise: Sequence[float]) -> lis
         count, measured, predicted, spread, rms, lag_one, correlation = _axis_error(samples, i, apart)
         if count > 2:
             nrmse, white = rms / spread if spread > 0.0 else np.nan, abs(correlation) < 2.58 * np.sqrt(overlap / count)
+            white &= count >= _FEWEST * apart
             errors.append(AxisError(axis, measured, predicted, nrmse, rms, lag_one, bool(white), float(over_noise[i])))
     return errors
 
