@@ -107,3 +107,16 @@ def test_a_bag_of_an_autopilot_is_imported_and_another_is_refused_as_it_was(tmp_
 
 class _Checked:
     json: dict[str, object] = {}  # noqa: RUF012
+
+
+def test_a_bag_of_mavros_is_a_log_and_a_map_is_not_for_it(monkeypatch, tmp_path):
+    given = []
+    monkeypatch.setattr(flight_task, "is_autopilot_bag", lambda recording: True)
+    monkeypatch.setattr(flight_task, "import_log", lambda recording, out, **options: given.append(options))
+    monkeypatch.setattr(flight_task, "check_recording", lambda recording, aircraft: recording)
+    (tmp_path / "bag.mcap").touch()
+    options = Options(0, map=tmp_path / "map.yaml", servos=tmp_path / "servos.yaml")
+    job = Job("key", tmp_path / "bag.mcap", False, tmp_path / "plane.yaml", options, "program")
+    checked, _, unread = flight_task._checked(job, tmp_path / "imported")
+    assert checked == tmp_path / "imported" and not unread
+    assert given == [{"calibration": str(tmp_path / "servos.yaml")}]
