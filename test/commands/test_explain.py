@@ -63,6 +63,7 @@ def candidate(effect: str, kind: str, **more) -> dict:
 
 
 WRONG_UNIT = ("angle_of_attack", "unit", "error", "it is in degrees")
+REPEATED = ("rudder", "held", "warning", "each value is repeated 2.0 times")
 LATE = ("elevator", "offset", "warning", "it comes 0.15 s late")
 FOLLOWS = ("latitude", "offset", "warning", "it keeps time with elevator, which comes 0.15 s later than it should")
 STALL = {"candidates": [candidate("stall", "aerodynamic")], "advice": "", "unknown": {}}
@@ -89,6 +90,8 @@ SMALL_MARGIN = Fact("static_margin", "stability", "static margin", 2.0, 0.3, "%"
         (Evidence(check_json(WRONG_UNIT, NO_AIR), (0, 32), calm_air=True), ["check unit"]),
         (Evidence(check_json(LATE), **USED, diagnosis=STALL), ["check offset", "stall"]),
         (Evidence(check_json(LATE), **USED, diagnosis=HELD), ["stuck_control"]),
+        (Evidence(check_json(REPEATED), **USED, diagnosis=STALL), ["stall", "check held"]),
+        (Evidence(check_json(REPEATED, WRONG_UNIT), **USED), ["check unit", "check held"]),
         (Evidence(check_json(LATE), **USED, diagnosis=SLOW_SERVO), ["check offset"]),
         (Evidence(check_json(), **USED, diagnosis=SLOW_SERVO), ["rate_limit"]),
         (Evidence(check_json(LATE, FOLLOWS), **USED), ["check offset"]),
