@@ -25,6 +25,7 @@ from aircraft_sysid_ros.reconstruction.sensor_noise import (
     seconds_of,
     settle_scales,
     share_across,
+    share_tilt,
     wind_walk_of,
 )
 from aircraft_sysid_ros.reconstruction.state import AIR_VELOCITY, NO_GUIDE, Memory, Setup
@@ -120,6 +121,8 @@ def _learn(
         settle_scales(outputs, is_air_data, guided and kind == _ATTITUDE, channel)
         if kind == _GPS_POSITION or kind == _GPS_VELOCITY:
             share_across(channel, 0, 2)
+        elif kind == _ATTITUDE:
+            share_tilt(channel)
         if is_air_data and setup.learns_wind:
             _find_wind_walk(time, x, setup, memory.noise, memory.calm_walk)
 

@@ -280,6 +280,19 @@ def share_across(outputs: Array, first: int, last: int) -> None:
 
 
 @njit(cache=True)
+def share_tilt(outputs: Array) -> None:
+    """Where roll or pitch of an attitude has a slow error of its own, both have the larger: one filter makes both.
+
+    Of one that is believed sample by sample nothing is left over that would show it: tilt and the bias of the
+    accelerometer follow it together.
+    """
+    if outputs[0, COLOURED] or outputs[1, COLOURED]:
+        larger = max(outputs[0, SCALE], outputs[1, SCALE])
+        for i in range(2):
+            outputs[i, SCALE], outputs[i, COLOURED] = larger, 1.0
+
+
+@njit(cache=True)
 def wind_walk_of(walks: Array, seconds: float, said: float) -> float:
     """Random walk of the wind [m/s per sqrt(s)] from those that the air data show (n,), and what was said before.
 

@@ -29,6 +29,7 @@ from aircraft_sysid_ros.reconstruction.found_noise import (
     noise_notes,
 )
 from aircraft_sysid_ros.reconstruction.sensor_noise import (
+    COLOURED,
     SCALE,
     WALK,
     WHITE,
@@ -39,6 +40,7 @@ from aircraft_sysid_ros.reconstruction.sensor_noise import (
     new_channels,
     new_imu_noise,
     note_left,
+    share_tilt,
     weigh_bank,
 )
 from aircraft_sysid_ros.reconstruction.state import D_ACCELEROMETER_BIAS, StateField
@@ -374,3 +376,15 @@ def test_the_completed_file_states_what_was_found_and_keeps_the_rest(flight, sam
         sensor = made.sensors[each.name]
         assert sensor.noise_is_given
         assert np.sqrt(np.mean(np.square(sensor.noise))) == pytest.approx(np.sqrt(np.mean(each.in_use**2)), rel=0.01)
+
+
+@pytest.mark.parametrize("slow", [0, 1])
+def test_a_slow_error_of_roll_or_pitch_is_one_of_both(slow):
+    """Heading has another source, and keeps its own; without any slow error each keeps its own."""
+    attitude = new_channels(len(Kind))[Kind.ATTITUDE]
+    attitude[:, SCALE] = 1.0, 2.0, 3.0
+    share_tilt(attitude)
+    assert attitude[:, SCALE].tolist() == [1.0, 2.0, 3.0] and not attitude[:, COLOURED].any()
+    attitude[slow, SCALE], attitude[slow, COLOURED] = 50.0, 1.0
+    share_tilt(attitude)
+    assert attitude[:, SCALE].tolist() == [50.0, 50.0, 3.0] and attitude[:, COLOURED].tolist() == [1.0, 1.0, 0.0]
