@@ -116,6 +116,13 @@ def build_parser(command: str | None, given: Sequence[str] = ()) -> argparse.Arg
         module = import_module(f"aircraft_sysid_ros.commands.{module_name}")
         subparser = module.add_parser(subparsers)
         subparser.add_argument("--json", action="store_true", help="print one JSON document and nothing else")
+        if name in _OF_ROS:
+            subparser.add_argument(
+                _ROS,
+                nargs=argparse.REMAINDER,
+                metavar="WORD",
+                help="words of ROS to the end of the line, such as -r imu/data:=/driver/imu",
+            )
         parser.known, parser.command = [*subparser._option_string_actions], name
         subparser.known, subparser.given = parser.known, given
         subparser.set_defaults(module=module, prog=f"{parser.prog} {command}")
