@@ -422,7 +422,7 @@ class WindTriangle:
         now, since = (float(self._flown[i, _TIME] - self._begin) for i in (-1, found[2]))
         if not self.is_wrong:
             was_too_large, self._was_too_large = self._was_too_large, found[0] > 1.0 if is_proven else None
-            if is_proven and (found[2] == 0 or self._was_too_large is was_too_large):
+            if is_proven and (found[2] == 0 or self._was_too_large == was_too_large):
                 self.readings.append(Reading(found[0], found[1], since))
                 self._was_too_large = None
             return

@@ -101,16 +101,13 @@ class DoubtfulConstants:
                 covariance[i, i] += extra**2
                 angle = max(of_angle, key=lambda a: abs(of_angle[a]))
                 parameters[i] = _judged(parameters[i], float(np.hypot(parameters[i].std, extra)), angle, self.std)
-            for angle in self.angles:
-                own = next(
-                    (i for i in range(part.start, part.stop) if model.parameter_names[i] == f"{name}_{angle}"), None
-                )
-                if own is not None:
-                    parameters[part] = _not_beside(parameters, part, own, noise, angle)
-            for angle in filter(self._is_extrapolated, self.angles):
-                own = next((i for i in range(part.start, part.stop) if parameters[i].name == f"{name}_{angle}"), None)
-                if own is not None and parameters[own].status != Trust.USE:
-                    why = f"is carried to an {_NAMES[angle]} of 0 by {parameters[own].name}, which is not known"
+            places = {model.parameter_names[i]: i for i in range(part.start, part.stop)}
+            own = {angle: places[label] for angle in self.angles if (label := f"{name}_{angle}") in places}
+            for angle, place in own.items():
+                parameters[part] = _not_beside(parameters, part, place, noise, angle)
+            for angle, place in own.items():
+                if self._is_extrapolated(angle) and parameters[place].status != Trust.USE:
+                    why = f"is carried to an {_NAMES[angle]} of 0 by {parameters[place].name}, which is not known"
                     for i in constants:
                         if parameters[i].status == Trust.USE:
                             parameters[i] = replace(parameters[i], status=Trust.HOLD, reason=why)

@@ -19,7 +19,7 @@ _WAITING, _FINE = 0, (1,)
 _DEGREES = 180.0 / math.pi
 _IMU = "imu"
 #: Of each kind of sample in the diagnostics of the first step: [Hz], [s].
-_PACE = ("rate", "largest_gap")
+_OF_RATES = ("rate", "largest_gap")
 
 
 @dataclass(frozen=True)
@@ -54,9 +54,9 @@ def state_leaf(state: Any) -> Leaf:
 def sensor_leaves(values: Mapping[str, str], before: Mapping[str, str]) -> list[Leaf]:
     """Of two diagnostics of `state_estimator`, newer and older: which sensors come, and what becomes of samples."""
     kinds = sorted(name.removesuffix(".received") for name in values if name.endswith(".received"))
-    found = (
-        [] if _IMU in kinds else [Leaf(f"sensors/{_IMU}", STALE, "nothing has come, and without it there is no state")]
-    )
+    found = []
+    if _IMU not in kinds:
+        found.append(Leaf(f"sensors/{_IMU}", STALE, "nothing has come, and without it there is no state"))
     for kind in kinds:
         counts = {
             name: _whole(values, f"{kind}.{name}")
@@ -72,7 +72,7 @@ def sensor_leaves(values: Mapping[str, str], before: Mapping[str, str]) -> list[
                 told = ", ".join(f"{count} {name}" for name, count in wrong.items())
                 level, message = WARN, f"of {news['received']} samples: {told}"
         shown = {name: str(count) for name, count in counts.items() if count}
-        shown |= {name: values[key] for name in _PACE if (key := f"{kind}.{name}") in values}
+        shown |= {name: values[key] for name in _OF_RATES if (key := f"{kind}.{name}") in values}
         found.append(Leaf(f"sensors/{kind}", level, message, shown))
     return found
 

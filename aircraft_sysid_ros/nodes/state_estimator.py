@@ -20,7 +20,7 @@ from aircraft_sysid_ros.flight_check.in_flight import watch_of
 from aircraft_sysid_ros.nodes import common
 from aircraft_sysid_ros.nodes.estimator_node import PROBE_TOPIC, EstimatorNode
 from aircraft_sysid_ros.nodes.options import NodeOption, When, node_options, options_from
-from aircraft_sysid_ros.nodes.pace import Pace
+from aircraft_sysid_ros.nodes.sample_rates import SampleRates
 from aircraft_sysid_ros.reconstruction.found_noise import found_noise, found_wind_walk
 from aircraft_sysid_ros.reconstruction.options import StateOptions
 from aircraft_sysid_ros.reconstruction.state import STATUS_TEXT, StateField, status_text
@@ -83,7 +83,7 @@ class StateEstimatorNode(EstimatorNode):
         self.on_samples: Callable[[Any], None] | None = None  # and the samples
         self.on_states: Callable[[Any, Any], None] | None = None  # rows and stamps [ns], after they were published
         self._waiting: list[Samples] = []
-        self._pace = Pace()
+        self._rates = SampleRates()
         self._pushed_until = 0  # newest IMU stamp [ns] at the last push
 
     def make_estimator(self, aircraft: Aircraft, values: Mapping[str, Any]) -> StateEstimator:
@@ -92,7 +92,7 @@ class StateEstimatorNode(EstimatorNode):
         moved = (CONTROLS_TOPIC, INPUTS_TOPIC) if aircraft.inputs else (CONTROLS_TOPIC,)
         self.received = dict.fromkeys(INPUTS + probe + moved, 0)
         self._waiting.clear()
-        self._pace, self._has_told = Pace(), False
+        self._rates, self._has_told = SampleRates(), False
         warm_up(aircraft)
         in_flight.warm_up()
         return self._started(aircraft, options_from(StateOptions, values))
@@ -127,7 +127,7 @@ class StateEstimatorNode(EstimatorNode):
         if self.correction is not None:
             samples = [left for part in samples if len(left := self.correction.apply(part))]
         self._waiting.extend(samples)
-        self._pace.add(samples)
+        self._rates.add(samples)
         newest = int(samples[0].stamp[0]) if samples and samples[0].kind[0] == Kind.IMU else self._pushed_until
         period = TOGETHER * self.estimator.options.horizon * common.NANOSECONDS
         is_due = newest != self._pushed_until and not 0 <= newest - self._pushed_until < period  # or the clock leapt
@@ -158,7 +158,7 @@ class StateEstimatorNode(EstimatorNode):
         values: dict[str, Any] = {}
         for kind, counts in self.estimator.counts().items():
             values.update({f"{kind}.{name}": n for name, n in counts.items() if n})
-        values |= self._pace.read()
+        values |= self._rates.read()
         for each in found_noise(self.estimator):
             values[f"noise.{each.name}"] = f"{' '.join(f'{value:.3g}' for value in each.in_use)} ({each.source})"
         walk, source = found_wind_walk(self.estimator)
@@ -177,8 +177,10 @@ class StateEstimatorNode(EstimatorNode):
         if silent is None or self.received[IMU_TOPIC]:
             return ""
         topic = silent.subscription.topic_name
-        nobody = "which nobody publishes: check its name and the remaps" if not self.count_publishers(topic) else ""
-        return f"no IMU has come on {topic}" + (f", {nobody}" if nobody else "")
+        words = f"no IMU has come on {topic}"
+        if self.count_publishers(topic):
+            return words
+        return f"{words}, which nobody publishes: check its name and the remaps"
 
     def _push(self) -> None:
         waiting, self._waiting = concatenate(self._waiting), []

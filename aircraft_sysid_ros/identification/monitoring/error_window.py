@@ -47,8 +47,8 @@ def model_errors(samples: Array, apart: int, over_noise: Sequence[float]) -> lis
     for i, axis in enumerate(AXES):
         count, measured, predicted, spread, rms, lag_one, correlation = _axis_error(samples, i, apart)
         if count > 2:
-            nrmse, white = rms / spread if spread > 0.0 else np.nan, abs(correlation) < 2.58 * np.sqrt(overlap / count)
-            white &= count >= _FEWEST * apart
+            nrmse = rms / spread if spread > 0.0 else np.nan
+            white = count >= _FEWEST * apart and abs(correlation) < 2.58 * np.sqrt(overlap / count)
             errors.append(AxisError(axis, measured, predicted, nrmse, rms, lag_one, bool(white), float(over_noise[i])))
     return errors
 

@@ -10,7 +10,7 @@ _SECOND = 1e9
 _LATE = 1_000_000_000  # [ns] a sample is late at most
 
 
-class Pace:
+class SampleRates:
     """Counts the samples between two readings."""
 
     def __init__(self) -> None:
