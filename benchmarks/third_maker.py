@@ -31,7 +31,7 @@ from aircraft_sysid_ros.effects.aliases import aliases_of
 
 sys.path.insert(0, str(Path(__file__).parent / "makers"))
 
-from strip_theory.hidden import EFFECTS, make
+from strip_theory.hidden import EFFECTS, FURTHER, make
 
 RESULTS = Path(__file__).parent / "results" / "third_maker.jsonl"
 DEVELOPED = RESULTS.with_name("third_maker_development.jsonl")
@@ -54,9 +54,11 @@ MISSED = ("flaps", "engine_cut", "ground", "propeller_wash", "half_fin", "half_e
 JUDGING_2 = _drawn(950_000, 17, (*MISSED, *(effect for effect in EFFECTS if effect not in MISSED)))
 #: And on fresh ones once more, after the rules for late vanes and for sizes that tails have.
 JUDGING_3 = _drawn(970_000, 17)
+#: And on one aileron of two, which came later: its rules were made on seeds from 711000 on.
+JUDGING_4 = _drawn(980_000, 2, ("one_aileron",) * 6)
 
 #: Number of the rules that a flight was judged by, in its line; 1 where it has none. It rises with the next rules.
-RULES = 8
+RULES = 9
 
 RIGHT, IN_SET, LATER, UNEXPLAINED, NONE, WRONG = "first", "in its set", "later", "unexplained", "none", "wrong"
 
@@ -132,7 +134,7 @@ def judged(result: dict[str, Any]) -> tuple[str, list[str]]:
 
 
 def _wanted(result: dict[str, Any]) -> set[str]:
-    return set(EFFECTS[result["effect"]]) if result["effect"] else set()
+    return set((EFFECTS | FURTHER)[result["effect"]]) if result["effect"] else set()
 
 
 def summary(results: list[dict[str, Any]]) -> str:
@@ -163,7 +165,7 @@ def main() -> None:
     known = {json.loads(line)["seed"] for line in path.read_text().splitlines()} if path.exists() else set()
     listed = [
         {"seed": seed, "effect": effect}
-        for seed, effect in ((*JUDGING, *JUDGING_2, *JUDGING_3) if args.judging else DEVELOPMENT)
+        for seed, effect in ((*JUDGING, *JUDGING_2, *JUDGING_3, *JUDGING_4) if args.judging else DEVELOPMENT)
     ]
     listed = [job for job in listed if not args.only or job["seed"] in args.only]
     new = [job for job in listed if job["seed"] not in known][: args.most]

@@ -76,6 +76,8 @@ def _about(candidate: dict[str, Any], file: str | None) -> list[str]:
     elif candidate["expression"] and candidate["expression"] != candidate["label"]:
         lines.append(f"    to add: {added}")
     lines.append(f"    where: {candidate['where']}")
+    if candidate.get("how_large"):
+        lines.append(f"    how large: {candidate['how_large']}")
     if anew := chosen_anew(candidate):
         lines.append(f"    {anew}")
     if candidate["confounded_with"]:

@@ -13,10 +13,10 @@ from aircraft_sysid_ros.diagnosis.cannot_show import OutOfReach
 from aircraft_sysid_ros.diagnosis.diagnose import MISSING, NONE, UNEXPLAINED, Diagnosis
 from aircraft_sysid_ros.diagnosis.finding import Finding, resting_on
 from aircraft_sysid_ros.diagnosis.flight.flight_data import BLOCK, FlightData
+from aircraft_sysid_ros.diagnosis.how_large import added_terms, how_large
 from aircraft_sysid_ros.diagnosis.measurement.setting import Setting
 from aircraft_sysid_ros.diagnosis.search.candidates import TIMES_OF_CHANGE, Candidate
-from aircraft_sysid_ros.diagnosis.search.evaluator import errors_of, new_terms
-from aircraft_sysid_ros.diagnosis.search.fit import fit_axis
+from aircraft_sysid_ros.diagnosis.search.evaluator import errors_of
 from aircraft_sysid_ros.diagnosis.significance.error_regions import unusual
 from aircraft_sysid_ros.diagnosis.significance.parametric_bootstrap import Replica
 from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS
@@ -150,7 +150,7 @@ class FlightDiagnosis:
         trial, axis = finding.trial, finding.trial.main_axis
         effect = trial.candidate.effect
         terms = {a: list(texts) for a, texts in trial.candidate.terms.items() if a in trial.gains}
-        added = finding.flight.with_terms(new_terms(finding.flight, trial))
+        added = added_terms(finding.flight, trial)
         before, after = errors_of(finding.flight, trial, axis)
         return {
             **_about(effect, self._label(trial.candidate)),
@@ -164,13 +164,14 @@ class FlightDiagnosis:
             "error_after": after,
             "confounded_with": list(finding.confounded_with),
             "where": self._where(finding),
+            "how_large": how_large(added),
             "inner": dict(trial.candidate.inner),
             **self._stamps(trial.candidate),
             "terms": terms,
             "parameters": [
                 {"axis": a, "term": text, "value": value, "std": std}
                 for a, texts in terms.items()
-                for text, (value, std) in zip(texts, _fitted(added, a, texts), strict=True)
+                for text, (value, std) in zip(texts, added.terms[a], strict=True)
             ],
             "shape": dict(finding.shape),
             "nested": _nested(finding),
@@ -381,15 +382,6 @@ def _nested(finding: Finding) -> dict[str, Any] | None:
     others = [name for name in nested.names if name != own]
     parts = len(nested.names)
     return {"parts": parts, "same": parts - len(others), "others": others, "error_after": nested.error}
-
-
-def _fitted(flight: FlightData, axis: str, texts: Sequence[str]) -> list[tuple[float, float]]:
-    """Values of terms of an axis, and standard errors; NaN where the model does not have or the flight determine it."""
-    fit = fit_axis(flight, axis).fit
-    known = dict(
-        zip(flight.model.terms[axis], zip(fit.parameters.tolist(), fit.std.tolist(), strict=True), strict=True)
-    )
-    return [known.get(program.text, (np.nan, np.nan)) for program in flight.parsed(texts)]
 
 
 def _about(effect: Effect | None, label: str) -> dict[str, Any]:

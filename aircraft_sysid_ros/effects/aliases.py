@@ -47,6 +47,11 @@ ALIASES: tuple[tuple[frozenset[str], str], ...] = (
         "At one airspeed the coefficient of a constant force is a constant.",
     ),
     (
+        frozenset({"tow_line", "loss_of_thrust"}),
+        "A thrust that stays as it is, as at full throttle, does not grow with dynamic pressure: what an engine no "
+        "longer gives and what a line pulls back are the same in C_X.",
+    ),
+    (
         frozenset({"adverse_yaw", "control_effectiveness_alpha"}),
         "Both have α δ_a in C_n. Only what the ailerons do in C_l tells.",
     ),

@@ -33,7 +33,12 @@ def _fin() -> Variant:
 
 def _half_elevator(*terms: str) -> Variant:
     """One of two halves, on one side."""
-    return replace(surface("elevator", ("Cm", "CZ"), _after(*terms), rolls=True), name="one half of the elevator")
+    return replace(surface("elevator", ("Cm", "CZ"), _after(*terms), besides=("Cl",)), name="one half of the elevator")
+
+
+def _one_aileron(*terms: str) -> Variant:
+    """One of two: the other one alone lifts, too."""
+    return replace(surface("aileron", ("Cl", "Cn"), _after(*terms), besides=("CZ", "Cm")), name="one of two ailerons")
 
 
 def _same_share(step: str) -> Variant:
@@ -51,12 +56,14 @@ EFFECTS: tuple[Effect, ...] = (
         "on one side makes a moment about the other axes too.",
         "R. Jategaonkar, Flight Vehicle System Identification; M. Steinberg, Historical Overview of Research in "
         "Reconfigurable Flight Control, Proc. IMechE G 219, 2005",
-        "C += a C_δ δ for t > t₀, with one share a in the axes of the surface; C_l of rudder or half elevator: another",
+        "C += a C_δ δ for t > t₀, with one share a in the axes of the surface; C_l of rudder or half elevator, C_Z and "
+        "C_m of one aileron: another",
         (
             surface("elevator", ("Cm", "CZ"), _after("de")),
             _half_elevator("de"),
             surface("aileron", ("Cl", "Cn"), _after("da")),
-            surface("rudder", ("Cn", "CY"), _after("dr"), rolls=True),
+            _one_aileron("da"),
+            surface("rudder", ("Cn", "CY"), _after("dr"), besides=("Cl",)),
         ),
         "Good before one moment, afterwards errors in phase with one surface.",
         "Doublets of every surface, repeated during the flight.",
@@ -76,7 +83,8 @@ EFFECTS: tuple[Effect, ...] = (
             surface("elevator", ("Cm", "CZ"), _after("de", "1")),
             _half_elevator("de", "1"),
             surface("aileron", ("Cl", "Cn"), _after("da", "1")),
-            surface("rudder", ("Cn", "CY"), _after("dr", "1"), rolls=True),
+            _one_aileron("da", "1"),
+            surface("rudder", ("Cn", "CY"), _after("dr", "1"), besides=("Cl",)),
         ),
         "As of a damage, with a constant moment from the same moment on.",
         "Doublets of every surface, repeated during the flight.",

@@ -193,17 +193,17 @@ class Effect:
         return frozenset.intersection(*needed) if needed else frozenset()
 
 
-def surface(name: str, axes: Iterable[str], terms: Iterable[str], rolls: bool = False) -> Variant:
+def surface(name: str, axes: Iterable[str], terms: Iterable[str], besides: Iterable[str] = ()) -> Variant:
     """What becomes of one surface (elevator, aileron, rudder): the same shares of its part in all of its axes.
 
-    Each term has one number, which multiplies the derivative C_axis,δ of the present model. ``rolls``: and another in
-    C_l, since what is lost of a rudder's height or of one side has an arm of its own.
+    Each term has one number, which multiplies the derivative C_axis,δ of the present model. ``besides``: axes in which
+    it has another, since what is lost of a rudder's height or of one side has an arm of its own.
     """
     words, listed = name.split(",", 1)[0], tuple(terms)
     symbol = next(signal for signal, named in SURFACE_WORDS.items() if named == words)
     ties = {axis: tuple(Tie(k, of=f"{axis}_{symbol}") for k in range(len(listed))) for axis in axes}
-    if rolls:
-        ties["Cl"] = tuple(Tie(len(listed) + k) for k in range(len(listed)))
+    for n, axis in enumerate(besides, 1):
+        ties[axis] = tuple(Tie(n * len(listed) + k) for k in range(len(listed)))
     return Variant(name, dict.fromkeys(ties, listed), ties=ties)
 
 

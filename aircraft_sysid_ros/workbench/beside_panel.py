@@ -7,6 +7,7 @@ from typing import Any
 
 from nicegui import events, ui
 
+from aircraft_sysid_ros.aircraft.aerodynamic_model import AXIS_WORDS
 from aircraft_sysid_ros.diagnosis.compare import Comparison
 from aircraft_sysid_ros.diagnosis.model_versions.versions import Run
 from aircraft_sysid_ros.diagnosis.two_runs import SideBySide, side_by_side
@@ -17,7 +18,7 @@ from aircraft_sysid_ros.workbench.run_view import RunView
 from aircraft_sysid_ros.workbench.views import places
 from aircraft_sysid_ros.workbench.views.envelope import envelope_words, shared_scale
 from aircraft_sysid_ros.workbench.views.history import VersionRow, history
-from aircraft_sysid_ros.workbench.views.words import AXIS_WORDS, quantity_of, sentence
+from aircraft_sysid_ros.workbench.views.words import quantity_of, sentence
 
 #: Where there is nothing to compare with.
 ONE_VERSION = (

@@ -8,6 +8,7 @@ from typing import Any
 
 from nicegui import ui
 
+from aircraft_sysid_ros.aircraft.aerodynamic_model import AXIS_WORDS
 from aircraft_sysid_ros.diagnosis.words import headline
 from aircraft_sysid_ros.effects import LIBRARY
 from aircraft_sysid_ros.effects.effect import MEASUREMENT
@@ -22,7 +23,7 @@ from aircraft_sysid_ros.workbench.views.coefficients import ORDER
 from aircraft_sysid_ros.workbench.views.figure import Figure
 from aircraft_sysid_ros.workbench.views.history import effect_name
 from aircraft_sysid_ros.workbench.views.parameters import parameter_rows
-from aircraft_sysid_ros.workbench.views.words import AXIS_WORDS, sentence, typeset
+from aircraft_sysid_ros.workbench.views.words import sentence, typeset
 from aircraft_sysid_ros.workbench.worker import ADD, REMOVE
 
 #: Least time [s] between two drawings: a playback at ten times real time must not choke the browser.

@@ -11,7 +11,7 @@ from typing import Any
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
-from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
+from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, AXIS_WORDS
 from aircraft_sysid_ros.aircraft.expression import FUNCTION_NAMES
 from aircraft_sysid_ros.diagnosis.significance.error_regions import Place
 from aircraft_sysid_ros.diagnosis.two_runs import SideBySide
@@ -23,7 +23,7 @@ from aircraft_sysid_ros.workbench.views.history import VersionRow
 from aircraft_sysid_ros.workbench.views.parameters import INTERVAL, ParameterRow
 from aircraft_sysid_ros.workbench.views.residuals import ResidualRow
 from aircraft_sysid_ros.workbench.views.states import Consistency
-from aircraft_sysid_ros.workbench.views.words import AXIS_WORDS, chance, percent, rounded, symbol, typeset
+from aircraft_sysid_ros.workbench.views.words import chance, percent, rounded, symbol, typeset
 
 #: What figures do by themselves in a browser, on the page and in the file.
 SCRIPT = "\n".join(

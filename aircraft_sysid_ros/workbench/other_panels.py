@@ -6,6 +6,7 @@ from typing import Any
 
 from nicegui import events, ui
 
+from aircraft_sysid_ros.aircraft.aerodynamic_model import AXIS_WORDS
 from aircraft_sysid_ros.workbench import markup
 from aircraft_sysid_ros.workbench.panel import Html, Panel, bring_into_view, card, picked, plot
 from aircraft_sysid_ros.workbench.refine_panel import RefinePanel
@@ -13,7 +14,6 @@ from aircraft_sysid_ros.workbench.views import states, track
 from aircraft_sysid_ros.workbench.views.figure import Figure
 from aircraft_sysid_ros.workbench.views.numbers import parameters_csv
 from aircraft_sysid_ros.workbench.views.parameters import IN_FLIGHT, OF_ALL, history_figure, parameter_rows
-from aircraft_sysid_ros.workbench.views.words import AXIS_WORDS
 
 #: What the figures of the track show.
 TRACK_WORDS = ("track over the ground, coloured by model error", "height over time, coloured by model error")

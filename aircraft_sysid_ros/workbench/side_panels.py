@@ -9,7 +9,7 @@ from typing import Any, Protocol
 
 from nicegui import events, ui
 
-from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
+from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, AXIS_WORDS
 from aircraft_sysid_ros.aircraft.signals import SIGNALS
 from aircraft_sysid_ros.diagnosis.model_versions.requests import parse_request
 from aircraft_sysid_ros.diagnosis.significance.error_regions import Place
@@ -22,7 +22,7 @@ from aircraft_sysid_ros.workbench.views import places
 from aircraft_sysid_ros.workbench.views.candidates import EVIDENCE_HEIGHT, Card, cards, evidence_figure, verdict
 from aircraft_sysid_ros.workbench.views.coefficients import Span, time_of, whole
 from aircraft_sysid_ros.workbench.views.history import effect_name
-from aircraft_sysid_ros.workbench.views.words import AXIS_WORDS, quantity_of, typeset
+from aircraft_sysid_ros.workbench.views.words import quantity_of, typeset
 from aircraft_sysid_ros.workbench.worker import ADD, DIAGNOSE, REMOVE, Job
 
 _SPANS = re.compile(r"(\d+) to (\d+) s")

@@ -326,6 +326,15 @@ def test_flaps_that_stay_out_are_a_step_whether_they_are_recorded_or_not():
         np.testing.assert_allclose(200.0 * line, step, rtol=1e-12)
 
 
+def test_a_thrust_that_is_lost_at_full_throttle_is_a_line_that_pulls_back():
+    """The stated set of both: T_c of a constant thrust is in proportion to 1 / q̄; of one that changes it is not."""
+    qbar, time = np.linspace(150.0, 400.0, 21), np.linspace(0.0, 100.0, 21)
+    line = of_terms("tow_line", "hooked on", {"t0": 50.0}, {"time": time, "qbar": qbar}, "CX")
+    for thrust, is_alike in ((np.full(21, 12.0), True), (np.linspace(12.0, 2.0, 21), False)):
+        lost = of_terms("loss_of_thrust", "", {"t0": 50.0}, {"time": time, "Tc": thrust / (qbar * 0.3)}, "CX")
+        assert np.allclose(lost, 12.0 / 0.3 * line, rtol=1e-12) == is_alike
+
+
 def test_the_physics_of_some_terms():
     """A stall begins at its onset, the ground is felt near it, a change is a step, a mass change keeps proportions."""
     stall, _ = effect_of("stall").variants

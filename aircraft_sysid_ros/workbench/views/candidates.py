@@ -70,6 +70,7 @@ class Card:
     numbers: tuple[str, ...]  # parameters and inner numbers with their values
     evidence: Evidence | None
     chosen_anew: str = ""  # what is named without each part of the flight
+    how_large: str = ""  # in newtons, and as the number that its physics means
 
     @property
     def gain(self) -> str:
@@ -110,6 +111,7 @@ def _card(candidate: Mapping[str, Any], flight: FlightData) -> Card:
         after=candidate["error_after"] or np.nan,
         p_value=candidate["p_value"],
         where=candidate["where"],
+        how_large=candidate.get("how_large", ""),
         confounded_with=tuple((i, BY_ID[i].name if i in BY_ID else i) for i in candidate["confounded_with"]),
         manoeuvre=candidate["manoeuvre"] or "",
         refused=candidate.get("refused", ""),

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
+from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, AXIS_WORDS
 from aircraft_sysid_ros.diagnosis.compare import FAILS, AxisComparison, Comparison, left_in_words
 from aircraft_sysid_ros.diagnosis.flight.flight_data import FlightData
 from aircraft_sysid_ros.workbench.views.figure import (
@@ -24,7 +24,7 @@ from aircraft_sysid_ros.workbench.views.figure import (
     ticks_about_zero,
     upright,
 )
-from aircraft_sysid_ros.workbench.views.words import AXIS_WORDS, percent, symbol
+from aircraft_sysid_ros.workbench.views.words import percent, symbol
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.intp]

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
+from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, AXIS_WORDS
 from aircraft_sysid_ros.diagnosis.compare import FAILS, MORE, NOISE, SHORT
 from aircraft_sysid_ros.effects import BY_ID
 from aircraft_sysid_ros.identification.trust import BEYOND_NOISE
@@ -16,7 +16,7 @@ from aircraft_sysid_ros.workbench.views.candidates import Card
 from aircraft_sysid_ros.workbench.views.coefficients import NO_DATA, AxisRow
 from aircraft_sysid_ros.workbench.views.figure import TIMED, Figure, Theme, axis, beyond, figure, line, upright
 from aircraft_sysid_ros.workbench.views.states import StateHistory
-from aircraft_sysid_ros.workbench.views.words import AXIS_WORDS, symbol
+from aircraft_sysid_ros.workbench.views.words import symbol
 
 Array = npt.NDArray[np.float64]
 

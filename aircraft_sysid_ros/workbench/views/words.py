@@ -10,14 +10,6 @@ from markupsafe import Markup, escape
 
 from aircraft_sysid_ros.rounding import rounded_to_error
 
-AXIS_WORDS = {
-    "CX": "axial force",
-    "CY": "side force",
-    "CZ": "normal force",
-    "Cl": "rolling moment",
-    "Cm": "pitching moment",
-    "Cn": "yawing moment",
-}
 _DEGREES = 180.0 / np.pi
 
 

@@ -21,9 +21,10 @@ Array = npt.NDArray[np.float64]
 #: Strips of the wing, of the tailplane and of the fin.
 WING, TAIL, FIN = 16, 6, 3
 #: What may change in flight: part of the elevator and of the aileron that acts, ice (1: all) and flaps [rad], ground (1
-#: acts), part of the thrust, shift of the centre of gravity aft [m], wash of the propeller, part of the fin.
-ELEVATOR, AILERON, ICE, FLAPS, GROUND, THRUST, CG_AFT, WASH, FIN_PART, CHANGES = range(10)
-CLEAN = (1.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 1.0)
+#: acts), part of the thrust, shift of the centre of gravity aft [m], wash of the propeller, part of the fin; of the
+#: left one of two ailerons the part that follows, and where it stands besides [rad].
+ELEVATOR, AILERON, ICE, FLAPS, GROUND, THRUST, CG_AFT, WASH, FIN_PART, LEFT_FOLLOWS, LEFT_AT, CHANGES = range(12)
+CLEAN = (1.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 1.0, 1.0, 0.0)
 #: Columns of a strip: place (3), area, normal (3), chord, lift slope of its section, aspect ratio, incidence, zero-lift
 #: drag, effect of elevator, aileron (with its sign), rudder and flap, and which surface it is of (0, 1, 2).
 _X, _AREA, _NORMAL, _CHORD, _SLOPE, _ASPECT, _INCIDENCE, _DRAG, _DE, _DA, _DR, _DF, _OF, _WIDTH = (
@@ -143,7 +144,10 @@ def forces_of(
         angle = flow + strip[_INCIDENCE]
         if strip[_OF] == 1.0:
             angle -= wash
-        angle += strip[_DE] * controls[0] * changes[ELEVATOR] + strip[_DA] * controls[1] * changes[AILERON]
+        aileron = controls[1] * changes[AILERON]
+        if strip[_DA] < 0.0:
+            aileron = aileron * changes[LEFT_FOLLOWS] + changes[LEFT_AT]
+        angle += strip[_DE] * controls[0] * changes[ELEVATOR] + strip[_DA] * aileron
         angle += strip[_DR] * controls[2] + strip[_DF] * changes[FLAPS]
         ice = changes[ICE] if strip[_OF] == 0.0 else 0.0
         two_dimensional = strip[_SLOPE] * (1.0 - 0.12 * ice)

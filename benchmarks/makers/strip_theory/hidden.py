@@ -42,6 +42,10 @@ EFFECTS: dict[str, tuple[str, ...]] = {
     "propeller_wash": ("propwash",),
     "half_fin": ("parameter_change",),
 }
+#: And what was thought of later, which no list of seeds drawn before has.
+FURTHER: dict[str, tuple[str, ...]] = {
+    "one_aileron": ("stuck_control",),
+}
 
 
 def setting_of(rng: np.random.Generator) -> dict[str, Any]:
@@ -98,6 +102,9 @@ def _hide(
         changes[:, _ALWAYS[effect][0]] = _ALWAYS[effect][1]
     if effect in _STUCK:
         stuck[after & (time < begin + rng.uniform(25.0, 40.0)), _STUCK[effect]] = True
+    if effect == "one_aileron":  # of two, which stays at an angle
+        changes[after, parts.LEFT_FOLLOWS] = 0.0
+        changes[after, parts.LEFT_AT] = float(rng.choice([0.0, 1.0])) * rng.uniform(-0.12, 0.12)
     if effect == "aft_cg":
         changes[after, parts.CG_AFT] = 0.06 * chord
     if effect == "ice":

@@ -14,10 +14,11 @@ from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.mavlink.servo_mapping import ServoMapping
 from aircraft_sysid_ros.recordings.autopilot_log import NO_DATE
 from aircraft_sysid_ros.recordings.tabular.column_map import TEXT_TIMES, ColumnMap, parse_column_map
+from aircraft_sysid_ros.recordings.tabular.guess.ground_track import ground_track_columns
 from aircraft_sysid_ros.recordings.tabular.guess.known_kinds import known_lines
 from aircraft_sysid_ros.recordings.tabular.guess.known_line import KnownLine
 from aircraft_sysid_ros.recordings.tabular.guess.manoeuvre_tables import joined_manoeuvres
-from aircraft_sysid_ros.recordings.tabular.guess.names import TIME, guess_name
+from aircraft_sysid_ros.recordings.tabular.guess.names import TIME, guess_name, is_command
 from aircraft_sysid_ros.recordings.tabular.guess.quaternions import quaternion_columns
 from aircraft_sysid_ros.recordings.tabular.guess.resolve import resolve
 from aircraft_sysid_ros.recordings.tabular.guess.series import Column
@@ -94,8 +95,8 @@ def guess_map(path: Path, mapping: ServoMapping | None = None) -> FirstMap:
             notes.append(why_no_time(table, content))
         part = TablePart(file, time)
         parts.append(part)
-        named, of_quaternion = _named_columns(table, content, time) if time is not None else ([], set())
-        taken = {column.name for column in named} | of_quaternion | ({time.column} if time is not None else set())
+        named, of_several = _named_columns(table, content, time) if time is not None else ([], set())
+        taken = {column.name for column in named} | of_several | ({time.column} if time is not None else set())
         part.unmapped = [name for name in table.columns if name and name not in taken]
         columns += [(part, column) for column in named]
     _count_as_import(parts, columns)
@@ -234,7 +235,7 @@ def _content(table: Table) -> dict[str, npt.NDArray[Any]]:
 def _named_columns(
     table: Table, content: dict[str, npt.NDArray[Any]], time: TimeGuess
 ) -> tuple[list[Column], set[str]]:
-    """Columns whose names say what they are, and the names of four that are a quaternion."""
+    """Columns whose names say what they are, and the names of those that do so together: a quaternion, a track."""
     found = []
     for name, raw in content.items():
         if name == time.column or len(raw) != len(time.seconds):
@@ -246,20 +247,16 @@ def _named_columns(
         if bad > 0.2 * len(raw):
             continue
         timed = np.isfinite(time.seconds)
-        found.append(
-            Column(
-                table.name,
-                name,
-                guess.signal,
-                values[timed],
-                time.seconds[timed],
-                guess.unit,
-                guess.sign,
-                guess.distance,
-            )
+        column = Column(
+            table.name, name, guess.signal, values[timed], time.seconds[timed], guess.unit, guess.sign, guess.distance
         )
+        if is_command(name):
+            column.sure = False
+            column.evidence.append("a command, which the surface follows later")
+        found.append(column)
     angles, four = quaternion_columns(table.name, content, time.seconds, found)
-    return [*(column for column in found if column.name not in four), *angles], four
+    velocity, two = ground_track_columns(table.name, content, table.units, time.seconds)
+    return [*(column for column in found if column.name not in four), *angles, *velocity], four | two
 
 
 def _best_by_signal(columns: list[tuple[TablePart, Column]]) -> dict[str, Column]:

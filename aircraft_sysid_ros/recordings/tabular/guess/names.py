@@ -20,15 +20,32 @@ _BY_NAME = {
     for signal, words in reversed(_VOCABULARY["signals"].items())
     for rank, word in enumerate(words.split())
 }
+#: Speed or course over ground by name.
+_OF_TRACK = {word: part for part, words in _VOCABULARY["ground_track"].items() for word in words.split()}
 _SOURCES = frozenset(_VOCABULARY["sources"].split())
 _OTHERS = frozenset(_VOCABULARY["others"].split())
+_COMMANDS = frozenset({"cmd", "command", "commanded"})
 _UNIT_ENDINGS, _SAYS_UNIT = (
     {word: unit for unit, words in _VOCABULARY[key].items() for word in words.split()}
     for key in ("unit_endings", "says_unit")
 )
 _LETTERS = str.maketrans(
-    {"α": "alpha", "β": "beta", "φ": "phi", "θ": "theta", "ψ": "psi", "ρ": "rho", "δ": "d", "ö": "oe"}
+    {"α": "alpha", "β": "beta", "φ": "phi", "θ": "theta", "ψ": "psi", "ρ": "rho", "δ": "d"}
+    | {
+        "ä": "ae",
+        "ö": "oe",
+        "ü": "ue",
+        "Ä": "Ae",
+        "Ö": "Oe",
+        "Ü": "Ue",
+        "ß": "ss",
+        "é": "e",
+        "è": "e",
+        "ê": "e",
+        "à": "a",
+    }
 )
+_UNIT_OF_TRACK = {"speed": "m/s", "course": "rad"}
 _INDEX = re.compile(r"\[(\d)\](?=$|_)")
 _FIELD_OF_ROS = re.compile(r"^field\.|^_\.|^/")
 
@@ -55,12 +72,30 @@ def guess_name(column: str, unit: str = "", table: str = "") -> NameGuess | None
             continue
         signal, sign, rank = found
         said = unit if is_unit(unit) else said or _SAYS_UNIT.get("_".join(tokens), "")
-        if said and not _fits(said, signal):
-            continue
+        if (said and not _fits(said, signal)) or (not said and is_command(column)):
+            continue  # a command of -1 to 1 is no angle
         guess = NameGuess(signal, said, sign, 100 * cost + rank)
         if best is None or guess.distance < best.distance:
             best = guess
     return best
+
+
+def guess_ground_track(column: str, unit: str = "") -> tuple[str, str] | None:
+    """Whether a name says speed or course over ground (``speed``, ``course``), and its unit; None for all others."""
+    base, in_brackets = split_unit(column.strip().lstrip("#%").strip())
+    unit = (unit or in_brackets).strip().strip("[](){}").strip()
+    for words, ending in _without_unit(_words(base)):
+        for tokens in (words, [word for word in words if word not in _SOURCES]):
+            part = _OF_TRACK.get("_".join(tokens))
+            said = unit if is_unit(unit) else ending
+            if part is not None and (not said or dimension_fits(said, _UNIT_OF_TRACK[part])):
+                return part, said
+    return None
+
+
+def is_command(column: str) -> bool:
+    """Whether a name says that the column is what was asked for, and not what came of it."""
+    return not _COMMANDS.isdisjoint(_words(column))
 
 
 def is_of_another(column: str) -> bool:
@@ -92,15 +127,9 @@ def _plain(word: str) -> str:
 def _readings(words: list[str]) -> list[tuple[list[str], str, int]]:
     """Words without an ending that is a unit and without words of the source: tokens, unit, how much was left out."""
     if any(word in _OTHERS for word in words):
-        plain = "_".join(words)
-        return [(words, "", 0)] if plain in _BY_NAME else []
+        return [(tokens, unit, 0) for tokens, unit in _without_unit(words) if "_".join(tokens) in _BY_NAME]
     found: list[tuple[list[str], str, int]] = []
-    variants: list[tuple[list[str], str]] = [(words, "")]
-    for count in (1, 2, 3):
-        ending = "_".join(words[-count:])
-        if len(words) > count and ending in _UNIT_ENDINGS:
-            variants.append((words[:-count], _UNIT_ENDINGS[ending]))
-    for tokens, unit in variants:
+    for tokens, unit in _without_unit(words):
         found.append((tokens, unit, 0 if unit or tokens is words else 1))
         kept = [word for word in tokens if word not in _SOURCES and not word.isdigit()]
         if kept and kept != tokens:
@@ -110,4 +139,14 @@ def _readings(words: list[str]) -> list[tuple[list[str], str, int]]:
         joined = ["".join(tokens)]
         if len(tokens) > 1:
             found.append((joined, unit, 1))
+    return found
+
+
+def _without_unit(words: list[str]) -> list[tuple[list[str], str]]:
+    """Words as they are, and without each ending that is a unit, with that unit."""
+    found: list[tuple[list[str], str]] = [(words, "")]
+    for count in (1, 2, 3):
+        ending = "_".join(words[-count:])
+        if len(words) > count and ending in _UNIT_ENDINGS:
+            found.append((words[:-count], _UNIT_ENDINGS[ending]))
     return found
