@@ -13,6 +13,7 @@ from aircraft_sysid_ros.diagnosis.search.candidates import TIMES_OF_CHANGE, limi
 from aircraft_sysid_ros.diagnosis.search.evaluator import Score, errors_of, log_ratio, size_of
 from aircraft_sysid_ros.diagnosis.search.fit import Gain
 from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS
+from aircraft_sysid_ros.effects.aliases import aliases_of
 from aircraft_sysid_ros.identification.conditions import listed
 
 #: A number so near to a limit of its own, as a share of the room, is at it.
@@ -174,14 +175,20 @@ class Finding:
         )
 
     def is_again(self, family: str) -> bool:
-        """Whether a family is this one, or what the flight cannot tell from it.
+        """Whether a family is this one, what the flight cannot tell from it, or what differs from it by name only.
 
         What no effect of the library has goes by its axis: of many expressions another one is the best in each part.
         """
         candidate = self.trial.candidate
-        return family in {candidate.family, *self.confounded_with} or (
-            candidate.effect is None and f"{self.trial.main_axis}:" in family
-        )
+        alike = {candidate.family, *self.confounded_with, *aliases_of(candidate.family)}
+        return family in alike or (candidate.effect is None and f"{self.trial.main_axis}:" in family)
+
+    @property
+    def not_told_from(self) -> tuple[str, ...]:
+        """Families that this flight cannot tell from it, and those of its name in parts of the flight."""
+        names = self.nested.names if self.nested is not None else ()
+        own, known = self.trial.candidate.family, aliases_of(self.trial.candidate.family)
+        return tuple(dict.fromkeys([*self.confounded_with, *(name for name in names if name in known and name != own)]))
 
     @property
     def times_again(self) -> int:

@@ -25,6 +25,8 @@ from aircraft_sysid_ros.rounding import rounded_to_error
 Array = npt.NDArray[np.float64]
 #: The largest that is quoted is passed in one hundredth of the time in which it acts.
 _LARGEST = 0.99
+#: Newtons from which on they are said as kN.
+_KILO = 1e4
 #: A number is divided by one that is so many of its standard errors away from 0.
 _SURE = 3.0
 
@@ -78,7 +80,9 @@ def _in_newtons(added: AddedTerms) -> str:
     part = part[np.isfinite(part) & (part > 0.0)]
     if not len(part):
         return ""
-    rms, largest = np.sqrt(np.mean(part**2)), np.quantile(part, _LARGEST)
+    rms, largest = float(np.sqrt(np.mean(part**2))), float(np.quantile(part, _LARGEST))
+    if largest >= _KILO:
+        rms, largest, unit = 1e-3 * rms, 1e-3 * largest, f"k{unit}"
     return f"it makes {rms:.2g} {unit} (rms) of {AXIS_WORDS[added.axis]} while it acts, and up to {largest:.2g} {unit}"
 
 

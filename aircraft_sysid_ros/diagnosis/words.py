@@ -162,7 +162,7 @@ class FlightDiagnosis:
             "p_value": finding.p_value,
             "error_before": before,
             "error_after": after,
-            "confounded_with": list(finding.confounded_with),
+            "confounded_with": list(finding.not_told_from),
             "where": self._where(finding),
             "how_large": how_large(added),
             "inner": dict(trial.candidate.inner),
@@ -370,7 +370,7 @@ class FlightDiagnosis:
                 yield f"{effect.name} is missing (add {effect.identifier})."
             for axis, text in finding.shape.items():
                 yield f'Its shape is another one in {axis[0]}_{axis[1]}: add the expression "{axis}: {text}", too.'
-            for other in finding.confounded_with:
+            for other in finding.not_told_from:
                 if other in BY_ID:
                     yield f"This flight cannot tell it from {BY_ID[other].name}; to separate them: {effect.manoeuvre}"
 

@@ -72,6 +72,17 @@ def test_every_block_is_hidden_once_but_those_in_which_a_change_begins_or_ends(b
     assert BLOCK * 50 <= 251.0 < BLOCK * 51
 
 
+def test_what_differs_by_name_only_comes_again_and_is_said(bench):
+    """loss_of_thrust and tow_line are a stated set; flaps and loss_of_thrust are not."""
+    named = replace(
+        found(bench, candidate_of("loss_of_thrust", CZ="abs(de)")),
+        nested=NestedValidation(("tow_line", "tow_line", "loss_of_thrust", "flaps"), 0.5),
+    )
+    assert named.times_again == 3 and named.comes_again and named.not_told_from == ("tow_line",)
+    other = replace(named, nested=NestedValidation(("flaps", "flaps", "", "loss_of_thrust"), 0.5))
+    assert not other.comes_again and other.not_told_from == ()
+
+
 @pytest.mark.long
 def test_the_best_of_many_moments_of_nothing_explains_nothing_of_what_it_was_not_chosen_on(aircraft, here):
     """A step at the best of many moments lowers the held-out error of noise, but not that of flight it did not see."""

@@ -240,7 +240,7 @@ def _missing(evidence: Evidence) -> Iterator[Said]:
         else:
             happened = candidate.get("inner", {}).keys() & TIMES_OF_CHANGE  # then when is where
             where = candidate["where"].partition(";")[0] if happened else candidate["where"]
-            large = candidate.get("how_large", "")
+            large = candidate.get("how_large", "").partition("; ")[0]
             text = f"The model lacks one effect: {candidate['name']} ({where}){fall}{doubt}."
             text += f" How large: {large}." if large else ""
         yield Said(str(candidate["effect"] or "unexplained"), text)
