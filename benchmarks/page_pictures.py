@@ -1,9 +1,10 @@
 """Every view of the page in three widths, light and dark: pictures, what overflows, what changed since the last.
 
-    python benchmarks/page_pictures.py OUT [--runs FOLDER --run NAME] [--against LAST]
+    python benchmarks/page_pictures.py OUT [--runs FOLDER --run NAME] [--files FILE.html ...] [--against LAST]
 
 OUT is a folder outside of the project: the pictures are to be looked at. Without --runs a flight with a hidden effect
-is simulated, replayed, diagnosed, and given a second version and a second flight. Said of each picture are errors of
+is simulated, replayed, diagnosed, and given a second version and a second flight; what `explain`, `report` and `fleet`
+write of it is pictured too, and what stands behind --files. Said of each picture are errors of
 the console of the browser, text that is cut off, a page that is wider than its window, and with --against the share of
 points that differ from the picture of the same name in LAST. Exit status 1 where anything but the last is found.
 """
@@ -62,6 +63,19 @@ def fly(folder: Path) -> Path:
     return runs
 
 
+def write_files(folder: Path) -> list[Path]:
+    """What explain, report and fleet write of the flights of ``fly``."""
+    aircraft, runs = config_path(DEFAULT_AIRCRAFT), folder / "runs"
+    for arguments in (
+        ("explain", folder / "monday", "--aircraft", aircraft, "--out", folder / "explained"),
+        ("report", runs / "monday", "--out", folder / "report.html"),
+        ("fleet", folder / "monday", folder / "tuesday", "--aircraft", aircraft, "--out", folder / "fleet",
+         "--no-diagnosis"),
+    ):  # fmt: skip
+        subprocess.run(command(*arguments), check=True, stdout=subprocess.DEVNULL)
+    return [folder / "explained/explain.html", folder / "report.html", folder / "fleet/fleet.html"]
+
+
 def views(page: Any) -> Iterator[str]:
     """Show one view after another; the name of each."""
     for name, there in VIEWS.items():
@@ -81,22 +95,40 @@ def photograph(runs: Path, name: str, out: Path) -> list[str]:
     """All pictures of the page of one run; what is wrong with them."""
     wrong: list[str] = []
     with browser() as found, serving(command("workbench", runs, "--port", 0, "--no-browser")) as address:
-        for width, height in WIDTHS.items():
-            for theme in THEMES:
-                context = found.new_context(viewport={"width": width, "height": height}, color_scheme=theme)
-                page = context.new_page()
-                page.set_default_timeout(120_000.0)
-                page.on("pageerror", lambda error: wrong.append(f"error on the page: {error}"))
-                page.on("console", lambda m: wrong.append(f"console: {m.text}") if m.type == "error" else None)
-                page.goto(address)
-                page.wait_for_selector("[data-testid=runs] td")
-                keep(page, out, f"runs-{width}-{theme}", wrong)
-                page.goto(f"{address}?run={name}")
-                page.wait_for_function("document.querySelectorAll('.grid2 .main-svg').length >= 12")
-                for view in views(page):
-                    keep(page, out, f"{view}-{width}-{theme}", wrong)
-                context.close()
+        for page, look in looks(found, wrong):
+            page.goto(address)
+            page.wait_for_selector("[data-testid=runs] td")
+            keep(page, out, f"runs-{look}", wrong)
+            page.goto(f"{address}?run={name}")
+            page.wait_for_function("document.querySelectorAll('.grid2 .main-svg').length >= 12")
+            for view in views(page):
+                keep(page, out, f"{view}-{look}", wrong)
     return wrong
+
+
+def photograph_files(files: list[Path], out: Path) -> list[str]:
+    """All pictures of pages that open without a network; what is wrong with them."""
+    wrong: list[str] = []
+    with browser() as found:
+        for page, look in looks(found, wrong):
+            for file in files:
+                page.goto(file.resolve().as_uri())
+                page.wait_for_timeout(1500)
+                keep(page, out, f"{file.stem}-{look}", wrong)
+    return wrong
+
+
+def looks(found: Any, wrong: list[str]) -> Iterator[tuple[Any, str]]:
+    """A page in each width and theme, and what that is called; errors of the browser go to ``wrong``."""
+    for width, height in WIDTHS.items():
+        for theme in THEMES:
+            context = found.new_context(viewport={"width": width, "height": height}, color_scheme=theme)
+            page = context.new_page()
+            page.set_default_timeout(120_000.0)
+            page.on("pageerror", lambda error: wrong.append(f"error on the page: {error}"))
+            page.on("console", lambda m: wrong.append(f"console: {m.text}") if m.type == "error" else None)
+            yield page, f"{width}-{theme}"
+            context.close()
 
 
 def keep(page: Any, out: Path, name: str, wrong: list[str]) -> None:
@@ -130,12 +162,19 @@ def main() -> int:
     parser.add_argument("out", type=Path, help="folder for the pictures")
     parser.add_argument("--runs", type=Path, help="a folder of runs, to be looked at as they are")
     parser.add_argument("--run", default="monday", help="name of the run in that folder (default: %(default)s)")
+    parser.add_argument(
+        "--files", type=Path, nargs="*", help="pages that open without a network, beside or without runs"
+    )
     parser.add_argument("--against", type=Path, metavar="LAST", help="folder of the last pictures")
     arguments = parser.parse_args()
     arguments.out.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory() as folder:
-        runs = arguments.runs or fly(Path(folder))
-        wrong = photograph(runs, arguments.run, arguments.out)
+        wrong, files = [], arguments.files or []
+        if arguments.runs or not files:
+            runs = arguments.runs or fly(Path(folder))
+            wrong += photograph(runs, arguments.run, arguments.out)
+            files += [] if arguments.runs else write_files(Path(folder))
+        wrong += photograph_files(files, arguments.out)
     for text in wrong:
         print(text)
     for text in changes(arguments.out, arguments.against) if arguments.against else ():
