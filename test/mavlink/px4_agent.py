@@ -95,6 +95,7 @@ def publish(messages, speed, prefix):
             publishers[topic] = node.create_publisher(kinds[kind], topic.replace(PREFIX, prefix), quality)
     while not all(publisher.get_subscription_count() for publisher in publishers.values()):
         time.sleep(0.1)
+    time.sleep(2.0)  # a reader that has found a writer is known here at once; the other way only the reader knows
     print("heard", flush=True)
     began, first = time.monotonic(), messages[0][0]
     for stamp, topic, kind, fields in messages:
