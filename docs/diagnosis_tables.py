@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Callable
 from typing import Any
 
@@ -178,30 +177,34 @@ def strangers(flown: list[dict[str, Any]]) -> Rows:
 
 
 def third_maker(flown: list[dict[str, Any]]) -> Rows:
-    """What was said of flights from strip theory, by the rules at that time and the pace of the log."""
-    rows = []
+    """What was said of flights from strip theory, by the rules at that time, and by the pace of the log."""
     outcomes = ("first", "in its set", "later", "unexplained", "none", "wrong")
-    paces = {"10 Hz": (10.0,), "20 Hz": (20.0,), "50 Hz": (50.0,)}
-    rules = {
+    when = {
         1: "rules of before",
         2: "rules frozen since",
         3: "rules since then, fresh seeds",
         4: "rules since that look",
         5: "twenty replicas, the rest",
         6: "rules of late vanes, fresh seeds",
+        7: "rules of 2026-11-29, the same seeds",
+        8: "rules of the same day, the rest of them",
+        9: "one aileron of two, fresh seeds",
     }
-    kinds = itertools.product(rules.items(), {**paces, "all": sum(paces.values(), ())}.items())
-    for (number, when), (words, rates) in kinds:
-        judged = [flight for flight in flown if "failed" not in flight and flight.get("rules", 1) == number]
-        of_pace = [flight for flight in judged if flight["rate"] in rates]
-        clean = [flight for flight in of_pace if flight["effect"] is None]
-        hidden = [flight for flight in of_pace if flight["effect"] is not None]
+    judged = [flight for flight in flown if "failed" not in flight]
+    unnamed = {flight.get("rules", 1) for flight in judged} - when.keys()
+    assert not unnamed, f"rules without words: {unnamed}"
+    groups = {words: [f for f in judged if f.get("rules", 1) == number] for number, words in when.items()}
+    groups |= {f"all at {rate:g} Hz": [f for f in judged if f["rate"] == rate] for rate in (10.0, 20.0, 50.0)}
+    rows = []
+    for words, flights in groups.items():
+        clean = [flight for flight in flights if flight["effect"] is None]
+        hidden = [flight for flight in flights if flight["effect"] is not None]
         false = sum(flight["outcome"] != "none" for flight in clean)
         counts = [str(sum(flight["outcome"] == outcome for flight in hidden)) for outcome in outcomes]
         others = sum(bool(flight["besides"]) for flight in hidden if flight["outcome"] != "wrong")
         said = sum(flight["outcome"] == "none" and flight["effect"] in flight.get("unseen", ()) for flight in hidden)
         counts.insert(-1, str(said))
-        rows.append([when, words, f"{false} of {len(clean)}", str(len(hidden)), *counts, str(others)])
+        rows.append([words, f"{false} of {len(clean)}", str(len(hidden)), *counts, str(others)])
     heads = [
         "named first",
         "in its stated set",
@@ -212,7 +215,7 @@ def third_maker(flown: list[dict[str, Any]]) -> Rows:
         "another name",
         "and a name more",
     ]
-    return ["judged by", "log", "clean, given what is not true", "with an effect", *heads], rows
+    return ["judged by", "clean, given what is not true", "with an effect", *heads], rows
 
 
 def other_aeroplanes(flown: list[dict[str, Any]]) -> Rows:

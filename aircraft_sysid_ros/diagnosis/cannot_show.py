@@ -80,6 +80,9 @@ def _of_force(effect: Effect, bench: CandidateEvaluator) -> str:
     lacking = data.lacks(needed)
     if lacking == ["height"]:
         return "nothing says where the ground is: ground_altitude of the aircraft file can"
+    lacked = [frozenset(data.lacks(signals)) for signals in effect.signals_by_variant]
+    if not lacking and all(lacked):  # of each form another one
+        return f"{_listed(sorted(frozenset.union(*lacked)), 'nor')} is measured"
     if lacking:
         return f"{_listed(lacking)} is not measured"
     if not can_act(effect, data):
@@ -101,7 +104,8 @@ def _is_told(bench: CandidateEvaluator, effect: Effect) -> Iterator[bool]:
         yield trial is not None and any(np.isfinite(gain.parameters).any() for gain in trial.gains.values())
 
 
-def _listed(names: Sequence[str]) -> str:
+def _listed(names: Sequence[str], link: str = "and") -> str:
     words = {"V": "airspeed", "alpha": "the angle of attack", "beta": "sideslip", "Tc": "thrust", "dr": "the rudder"}
     words |= {"de": "the elevator", "da": "the aileron", "angle_of_attack": "the angle of attack"}
-    return " and ".join(words.get(name, name.replace("_", " ")) for name in names)
+    said = f" {link} ".join(words.get(name, name.replace("_", " ")) for name in names)
+    return f"neither {said}" if link == "nor" else said

@@ -203,8 +203,12 @@ EFFECTS: tuple[Effect, ...] = (
         "thrust. A line that is not parallel to the body axis has a part of the thrust in C_Z as well.",
         "B. Stevens, F. Lewis and E. Johnson, Aircraft Control and Simulation; J. Roskam, Airplane Flight "
         "Dynamics and Automatic Flight Controls",
-        "C_m += a T_c, C_Z += b T_c",
-        (Variant("offset", {"Cm": ("Tc",)}), Variant("offset and angle", {"Cm": ("Tc",), "CZ": ("Tc",)})),
+        "C_m += a T_c, C_Z += b T_c; by the throttle δ, with T = δ (T₀ - k V): C_m += a δ / q̄ + b δ / V",
+        (
+            Variant("offset", {"Cm": ("Tc",)}),
+            Variant("offset and angle", {"Cm": ("Tc",), "CZ": ("Tc",)}),
+            Variant("by the throttle", {"Cm": ("throttle/qbar", "throttle/V")}),
+        ),
         "Error of C_m that follows the throttle, at any attitude.",
         "Throttle steps at constant speed.",
     ),
@@ -215,8 +219,8 @@ EFFECTS: tuple[Effect, ...] = (
         "What turns the propeller turns the aeroplane the other way. The reaction is a rolling moment that grows with "
         "power.",
         "W. Phillips, Mechanics of Flight; B. McCormick, Aerodynamics, Aeronautics and Flight Mechanics",
-        "C_l += a T_c",
-        (Variant(terms={"Cl": ("Tc",)}),),
+        "C_l += a T_c; by the throttle δ: C_l += a δ / q̄",
+        (Variant(terms={"Cl": ("Tc",)}), Variant("by the throttle", {"Cl": ("throttle/qbar",)})),
         "Error of C_l that follows the throttle, without sideslip or aileron.",
         "Throttle steps with wings level.",
     ),

@@ -189,8 +189,13 @@ class Effect:
     @property
     def signals(self) -> frozenset[str]:
         """Signals that every variant needs, besides those of the model."""
-        needed = [_signals_of(variant) for variant in self.variants]
+        needed = self.signals_by_variant
         return frozenset.intersection(*needed) if needed else frozenset()
+
+    @property
+    def signals_by_variant(self) -> list[frozenset[str]]:
+        """Signals that each variant needs, besides those of the model."""
+        return [_signals_of(variant) for variant in self.variants]
 
 
 def surface(name: str, axes: Iterable[str], terms: Iterable[str], besides: Iterable[str] = ()) -> Variant:

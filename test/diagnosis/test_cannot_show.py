@@ -45,6 +45,10 @@ def flight(aircraft):
 def test_a_signal_that_is_not_there_or_stands_still_shows_nothing(flight):
     assert unseen(flight)["flaps"] == "flaps is not measured"
     assert unseen(with_signals(flight, flaps=0.2))["flaps"] == "flaps does not move"
+    neither = unseen(with_signals(flight, Tc=np.nan, throttle=np.nan))["thrust_offset"]
+    assert neither == "neither thrust nor throttle is measured"
+    moved = {"throttle": 0.5 + 0.3 * np.sin(flight.time), "V": 18.0, "qbar": 200.0}
+    assert "thrust_offset" not in unseen(with_signals(flight, Tc=np.nan, **moved))
     moved = np.where(flight.time > 60.0, 0.3, 0.0)
     assert "flaps" not in unseen(with_signals(flight, flaps=moved))
 

@@ -33,6 +33,34 @@ def with_drag(aircraft, *terms):
     return aircraft_from_dict(source)
 
 
+MOMENTS = [
+    BY_ID[name] for name in ("thrust_offset", "propeller_torque", "alpha_dot", "parameter_change", "control_damage")
+]
+
+
+def without_thrust(aircraft, seed, hidden):
+    samples = simulate_samples(aircraft, seed, 100.0, manoeuvres="speeds", turbulence="light", hidden=hidden).samples
+    samples.values[samples.kind == Kind.CONTROLS, CONTROL_COLUMNS.index("Tc")] = np.nan
+    return samples
+
+
+@pytest.mark.parametrize(
+    ("seed", "effect", "axis"),
+    [(41, "thrust_offset", "Cm"), pytest.param(43, "propeller_torque", "Cl", marks=pytest.mark.long)],
+)
+def test_a_moment_of_the_thrust_is_named_by_the_throttle_alone(aircraft, seed, effect, axis):
+    found = diagnose_flight(aircraft, without_thrust(aircraft, seed, [(effect, 1.0)]), MOMENTS, replicas=4).json
+    (named,) = [c for c in found["candidates"] if c["found"]]
+    assert named["label"] == f"{effect} (by the throttle)" and named["main_axis"] == axis
+    assert named["error_after"] < 0.3 * named["error_before"]
+
+
+@pytest.mark.long
+def test_without_such_a_moment_none_is_named(aircraft):
+    found = diagnose_flight(aircraft, without_thrust(aircraft, 42, []), MOMENTS, replicas=4).json
+    assert found["verdict"] == "none" and not found["cannot_show"]
+
+
 @pytest.mark.long
 def test_thrust_that_falls_with_speed_is_named_and_lowers_the_error_to_the_noise(aircraft, flown):
     found = diagnose_flight(with_drag(aircraft, "throttle"), flown, SOME, replicas=4)
