@@ -207,7 +207,8 @@ EFFECTS: tuple[Effect, ...] = (
         (
             Variant("offset", {"Cm": ("Tc",)}),
             Variant("offset and angle", {"Cm": ("Tc",), "CZ": ("Tc",)}),
-            Variant("by the throttle", {"Cm": ("throttle/qbar", "throttle/V")}),
+            Variant("by the throttle", {"Cm": ("throttle/qbar",)}),
+            Variant("by throttle and airspeed", {"Cm": ("throttle/qbar", "throttle/V")}),
         ),
         "Error of C_m that follows the throttle, at any attitude.",
         "Throttle steps at constant speed.",
