@@ -121,8 +121,8 @@ def _surface(added: AddedTerms) -> str:
 
 
 def _share(term: Fitted, whole: Fitted | None) -> str:
-    """-term / whole in percent, where the model knows the whole."""
-    if whole is None or not whole.is_sure or not np.isfinite(term.std):
+    """-term / whole in percent, where both are sure."""
+    if whole is None or not whole.is_sure or not term.is_sure:
         return ""
     share = -term.value / whole.value
     std = np.hypot(term.std, share * whole.std) / abs(whole.value)

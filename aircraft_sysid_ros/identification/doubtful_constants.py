@@ -21,6 +21,7 @@ biases of their own.
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import replace
 
 import numpy as np
@@ -105,13 +106,19 @@ class DoubtfulConstants:
             own = {angle: places[label] for angle in self.angles if (label := f"{name}_{angle}") in places}
             for angle, place in own.items():
                 parameters[part] = _not_beside(parameters, part, place, noise, angle)
-            for angle, place in own.items():
-                if self._is_extrapolated(angle) and parameters[place].status != Trust.USE:
-                    why = f"is carried to an {_NAMES[angle]} of 0 by {parameters[place].name}, which is not known"
-                    for i in constants:
-                        if parameters[i].status == Trust.USE:
-                            parameters[i] = replace(parameters[i], status=Trust.HOLD, reason=why)
-        return replace(estimates, parameters=tuple(parameters), covariance=covariance)
+        return self.carried(replace(estimates, parameters=tuple(parameters), covariance=covariance))
+
+    def carried(self, estimates: ParameterSet) -> ParameterSet:
+        """The parameters without constants that a derivative which is not to be used carries to an angle of 0."""
+        parameters = {p.name: p for p in estimates.parameters}
+        for angle, axis in itertools.product(self.angles, AXES):
+            constant, slope = parameters.get(f"{axis}_0"), parameters.get(f"{axis}_{angle}")
+            if constant is None or slope is None or constant.status != Trust.USE or slope.status == Trust.USE:
+                continue
+            if self._is_extrapolated(angle):
+                why = f"is carried to an {_NAMES[angle]} of 0 by {slope.name}, which is not known"
+                parameters[constant.name] = replace(constant, status=Trust.HOLD, reason=why)
+        return replace(estimates, parameters=tuple(parameters.values()))
 
 
 def _held_constant(estimate: ParameterEstimate, why: str) -> ParameterEstimate:

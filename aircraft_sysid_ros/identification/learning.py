@@ -397,7 +397,7 @@ class Learning:
         """``estimates`` that have passed the integrity monitor, what was known before; or in the air, if it is not."""
         of_air = self.landing.published(self.time(used_until), start)
         found = of_air or self.integrity.gated(self.estimates(used_until), self.changes.since, start)
-        return self.credited(self._undefined.held(found))
+        return self.credited(self.constants.carried(self._undefined.held(found)))
 
     def noise_of(self, points: Array) -> tuple[Array, Array]:
         """Variances of samples from the noise of the IMU (m, 6), and of the noise of terms (parameters,)."""

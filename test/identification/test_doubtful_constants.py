@@ -66,3 +66,19 @@ def test_a_constant_that_an_unknown_derivative_carries_to_an_angle_of_0_is_not_u
     (judged,) = (p for p in doubted if p.name == "CZ_0")
     assert judged.status is status
     assert (status is Trust.USE) or "by CZ_alpha, which is not known" in judged.reason
+
+
+def test_nor_is_it_where_a_monitor_takes_the_derivative_away_later(aircraft):
+    """What is published has passed monitors that know nothing of constants."""
+    doubt, rows = DoubtfulConstants(), np.zeros((50, StateField.WIDTH))
+    rows[:, StateField.STATUS] = next(code for code, angles in INFERRED.items() if angles == ("alpha", "beta"))
+    rows[:, StateField.AIRSPEED], rows[:, StateField.AIR_VELOCITY_STD] = 17.0, 0.085
+    rows[:, StateField.ANGLE_OF_ATTACK] = 0.06
+    doubt.note(rows)
+    found, _ = learnt(aircraft, 5.0)
+    assert doubt.carried(found) == found
+    later = replace(found, parameters=tuple(
+        replace(p, status=Trust.REJECT) if p.name == "Cm_alpha" else p for p in found.parameters
+    ))  # fmt: skip
+    changed = {p.name for p, q in zip(doubt.carried(later).parameters, later.parameters, strict=True) if p != q}
+    assert changed == {"Cm_0"}
