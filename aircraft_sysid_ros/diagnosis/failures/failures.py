@@ -52,6 +52,8 @@ IDLE, USUALLY_IDLE = 0.02, 0.05
 NEARLY_NIL = 0.3
 #: Forces that agree with a throttle that was cut: within this time [s], and with this evidence.
 CUT_TIME, CUT_EVIDENCE = 3.0, 5.0
+#: An engine is asked for thrust where its throttle is, in the mean, above this share of what it is at other times.
+ASKED = 0.75
 #: ln of the likelihood that the model loses without an input which a flight tells: that of five standard errors.
 SHOWN = 12.5
 #: The angle of flow that each moment rests on.
@@ -184,17 +186,39 @@ def _searched(job: _Job) -> _Searched:
     tried, constant = _frozen(form.search, name), form.search.best(name, CONSTANT)
     part = None if name == ENGINE else _weakened(form, name, max(tried.score, constant.score))
     failure, unlike = part, None
-    sure = None if part else _of_input(form, tried)
-    if sure is not None:
-        failed = described(form.balance, form.search, sure)
-        failure = named(failed, sure, constant)
-        if failure is None and name != ENGINE and is_long_enough(failed):
-            unlike = failed
+    for judged in () if part else (tried, *_deaf(form, tried)):
+        sure = None if failure else _of_input(form, judged)
+        if sure is not None:
+            failed = described(form.balance, form.search, sure)
+            failure = named(failed, sure, constant)
+            if failure is None and name != ENGINE and is_long_enough(failed):
+                unlike = failed
     if failure is None and name == ENGINE:
         failure = _cut(form.balance)
     evidence = tried.evidence if part is None else part.evidence
     base = sum(form.search.base[axis].log_likelihood for axis in form.search.axes_of(name))
     return _Searched(evidence, max(tried.score, base), constant, failure, unlike, _is_shown(form.search, name))
+
+
+def _deaf(form: _Form, tried: Judged) -> list[Judged]:
+    """That an engine no longer follows its throttle, where ``tried`` is that it makes nothing and explains less.
+
+    Times in which it was told to make little are left out: throttled back it does not show whether it follows.
+    """
+    if tried.hypothesis.name != ENGINE or tried.hypothesis.kind != NIL:
+        return []
+    search = form.search
+    best = search.best(ENGINE, FROZEN)
+    (axis,) = search.axes_of(ENGINE)
+    values = search.relations[axis].acting[ENGINE].values
+    share = best.hypothesis.share(search.count)
+    least = ASKED * float(np.average(values, weights=np.clip(1.0 - share, 1e-6, 1.0)))
+    asked = [span for span in best.hypothesis.spans if np.mean(values[round(span[0]) : round(span[1])]) > least]
+    if not asked:
+        return []
+    (begin, end), *again = asked
+    best = search.judged(replace(best.hypothesis, begin=begin, end=end, again=tuple(again)))
+    return [best] if best.score > tried.score else []
 
 
 def _is_shown(search: FailureSearch, name: str) -> bool:

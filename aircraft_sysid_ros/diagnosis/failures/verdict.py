@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from aircraft_sysid_ros.diagnosis.failures.axis_relation import ENGINE
 from aircraft_sysid_ros.diagnosis.failures.episode import Times
-from aircraft_sysid_ros.diagnosis.failures.failure import Failure
+from aircraft_sysid_ros.diagnosis.failures.failure import LEAST_MOTION, Failure
 from aircraft_sysid_ros.diagnosis.failures.failure_search import Judged
 from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS
 
@@ -27,10 +27,6 @@ LEAST_PART, MOST_PART = 0.15, 0.75
 MOST_BEYOND = 0.25
 #: Or so many of its usual standard deviations away from where it stays an input must have been told to be.
 FAR = 3.0
-#: Share of its usual motion that an input must be told to make meanwhile: less may be the noise of its record, which no
-#: aeroplane answers. In the quiet hours of a jet at 10 Hz (benchmarks/trimmed_jet.py, seeds 437 and 448, on which this
-#: was made) ailerons that moved by an eighth seemed to be stuck.
-LEAST_MOTION = 0.25
 #: Share of the evidence from which the other form of a balance is as telling of a time.
 AS_TELLING = 0.5
 #: Share of what the throttle does beyond which, by more than its standard error, an engine follows and is not dead.

@@ -11,7 +11,7 @@ from aircraft_sysid_ros.aircraft.expression import parse_expression
 from aircraft_sysid_ros.aircraft.signals import CONTROL_WORDS, SURFACE_WORDS
 from aircraft_sysid_ros.diagnosis.failures.axis_relation import ENGINE
 from aircraft_sysid_ros.diagnosis.failures.episode import Episode, Times
-from aircraft_sysid_ros.diagnosis.failures.failure import Failure, FailureReport
+from aircraft_sysid_ros.diagnosis.failures.failure import THRUST_LEFT, Failure, FailureReport
 from aircraft_sysid_ros.diagnosis.failures.interval_search import PART
 from aircraft_sysid_ros.diagnosis.failures.unrecorded_change import UnrecordedChange
 from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS
@@ -79,6 +79,11 @@ def sentence_of(failure: Failure) -> str:
         return (
             f"The engine makes no thrust {span_of(failure)}: the recorded throttle itself stands at its lowest, while "
             "the aeroplane gets slower than it ever was; whether it was cut or told to stop, no sensor says."
+        )
+    if failure.is_deaf and failure.level > THRUST_LEFT:
+        return (
+            f"The engine no longer follows its throttle {span_of(failure)}: it makes what {failure.level:.0%} of what "
+            "was asked for would, which of a propeller in flight may be no thrust at all."
         )
     if failure.is_loss_of_thrust:
         return f"The engine makes no thrust {span_of(failure)}, whatever the throttle says."
