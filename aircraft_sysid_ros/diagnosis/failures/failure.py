@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
+from aircraft_sysid_ros.diagnosis.failures.airspeed_step import AirspeedStep
 from aircraft_sysid_ros.diagnosis.failures.axis_relation import ENGINE, Acting
 from aircraft_sysid_ros.diagnosis.failures.episode import Episode, times_of
 from aircraft_sysid_ros.diagnosis.failures.failure_search import FailureSearch, Judged, columns_of
@@ -73,6 +74,8 @@ class FailureReport:
     judged: tuple[str, ...]  # axes
     not_judged: dict[str, str]  # axes, and why
     balance: ForceBalance = field(repr=False)
+    #: Where moments changed with the airspeed, which is why no change of them is told.
+    airspeed: AirspeedStep | None = None
 
     @property
     def says_something(self) -> bool:

@@ -9,6 +9,7 @@ import numpy as np
 
 from aircraft_sysid_ros.aircraft.expression import parse_expression
 from aircraft_sysid_ros.aircraft.signals import CONTROL_WORDS, SURFACE_WORDS
+from aircraft_sysid_ros.diagnosis.failures.airspeed_step import AirspeedStep
 from aircraft_sysid_ros.diagnosis.failures.axis_relation import ENGINE
 from aircraft_sysid_ros.diagnosis.failures.episode import Episode, Times
 from aircraft_sysid_ros.diagnosis.failures.failure import THRUST_LEFT, Failure, FailureReport
@@ -61,9 +62,17 @@ def effect_of(failure: Failure) -> str:
     return DAMAGED if failure.kind == PART else STUCK
 
 
-def span_of(failure: Episode) -> str:
+def span_of(failure: Episode | AirspeedStep) -> str:
     """From when to when, with what it may be off."""
     return listed([_from_to(times) for times in failure.times])
+
+
+def sentence_of_airspeed(step: AirspeedStep) -> str:
+    """One sentence that a pilot understands."""
+    return (
+        f"By GPS and a steady wind the airspeed reads {step.ratio:.3f} ± {step.std:.3f} of what it reads otherwise "
+        f"{span_of(step)}: moments that are worked out with it change there, and none is named; look at the pitot tube."
+    )
 
 
 def _from_to(times: Times) -> str:
@@ -287,6 +296,8 @@ def _advice(report: FailureReport) -> Iterator[str]:
     for failure in report.found:
         yield sentence_of(failure)
         yield sure_of(failure)
+    if report.airspeed is not None:
+        yield sentence_of_airspeed(report.airspeed)
     if report.changed is not None:
         yield sentence_of_change(report.changed)
         yield f"It is {_times_likelier(report.changed.evidence)} than that nothing changed."

@@ -27,6 +27,9 @@ Array = npt.NDArray[np.float64]
 _SHORT, _LONG = 0.25, 4.0
 #: What the IMU does not explain of a vane is gusts, which bias the factors: by so much, times 1 - correlation.
 _GUSTS, _FINE = 2.0, 0.05  # up to this step [s], and more for longer ones
+#: And an aeroplane follows gusts: what the vane sees of them alone and what the IMU sees are correlated by so much. In
+#: moderate gusts a vane of a stranger that reads 1.02 of the truth had seemed to read 1.98, at a correlation of 0.6.
+_FOLLOWS, _MOST_GUSTS = 0.5, 10.0
 #: Time [s] that the law gets wrong.
 _LATE = 0.04
 #: A ratio that tells a unit and no scale.
@@ -79,6 +82,15 @@ def _in_time(y: Array, columns: Array, late: int, step: float) -> tuple[Array, A
     return other if is_better else solved
 
 
+def _bias_of_gusts(correlation: float) -> float:
+    """How far a factor k of a law may be off that gusts, which the IMU follows, leave with a correlation r.
+
+    Of y = x + g with x and g correlated by rho the factor is 1 + rho |g| / |x|, where |g| / |x| is k (1/r^2 - 1)^(1/2).
+    """
+    share = _FOLLOWS * np.sqrt(1.0 / max(correlation, 1e-3) ** 2 - 1.0)
+    return float(min(share / max(1.0 - share, 1e-3), _MOST_GUSTS))
+
+
 def _vane(
     motion: Motion,
     name: str,
@@ -110,9 +122,8 @@ def _vane(
             sure = low > 0.3 * abs(k)
             comparison = Comparison(float(r) if sure else 0.0, max(low, 1e-9), high, 0.0, np.inf, 1e3, 0.0)
             words = f"the derivative of {name.replace('_', ' ')} that the IMU gives"
-            found.append(
-                Relation(name, other, comparison, words, 0.05 + gusts * (1.0 - abs(r)), has_lag=False, divisor=divisor)
-            )
+            room = 0.05 + max(gusts * (1.0 - abs(r)), _bias_of_gusts(abs(float(r))))
+            found.append(Relation(name, other, comparison, words, room, has_lag=False, divisor=divisor))
     if together is not None:
         words = "its derivative by gyros and accelerometers"
         found.append(Relation(name, rate[0], together, words, _UNIT, has_sign=False, lag_tolerance=known_to))
