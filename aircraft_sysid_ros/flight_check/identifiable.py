@@ -209,7 +209,7 @@ def _judged(
     spread = np.sqrt(np.diag(inverse))
     std[moving] = np.std(residual) * spread * np.sqrt(memory / len(y)) / scale[moving]
     alone[moving] = scale[moving] / spread
-    effect = std * scale / max(float(np.std(y)), 1e-300)
+    effect = np.where(moving, std, 0.0) * scale / max(float(np.std(y)), 1e-300)
     return [_verdict(alone[j], term_noise[j], theta[j], std[j], effect[j]) for j in range(len(scale))]
 
 

@@ -23,7 +23,7 @@ NO_THRUST = 0.45
 
 
 def flight(dead):
-    """C_X of a propeller that pulls above NO_THRUST, in waves of an autopilot's throttle; it windmills once it is dead."""
+    """C_X of a propeller that pulls above NO_THRUST, in waves of its throttle; it windmills once it is dead."""
     rng, time = np.random.default_rng(4), STEP * np.arange(COUNT)
     throttle = 0.62 + 0.08 * np.sin(time / 5.0) + 0.03 * rng.standard_normal(COUNT)
     throttle[DEAD:] = 0.97 + 0.04 * np.sin(time[DEAD:] / 4.0)

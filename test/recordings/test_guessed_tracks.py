@@ -75,10 +75,17 @@ def test_a_command_in_an_angle_is_a_surface_that_is_not_sure_and_a_measured_one_
         ("Gierrate [°/s]", "angular_velocity.z", "°/s"), ("Drehzahl", "propeller_speed", ""),
         ("Anstellwinkel_deg", "angle_of_attack", "deg"), ("Steiggeschwindigkeit [m/s]", "velocity.down", "m/s"),
         ("dérapage", "sideslip", ""), ("assiette [deg]", "attitude.pitch", "deg"),
-        ("Staudruck [Pa]", "dynamic_pressure", "Pa"),
+        ("Staudruck [Pa]", "dynamic_pressure", "Pa"), ("v_est_m_s", "velocity.east", "m/s"),
+        ("taux_lacet_deg_s", "angular_velocity.z", "deg/s"), ("regime_tr_min", "propeller_speed", "rpm"),
     ],
 )  # fmt: skip
 def test_german_and_french(name, signal, unit):
     guess = guess_name(name)
     assert guess is not None and (guess.signal, guess.unit) == (signal, unit)
     assert guess.sign == (-1.0 if name.startswith("Steig") else 1.0)
+
+
+def test_a_velocity_that_is_called_an_airspeed_is_none(flight, tmp_path):
+    """Sure by its name alone had been a column that is below zero half of the time."""
+    lines, *_ = lines_of(flight, tmp_path, lambda truth, rows: {"tas_mps": truth.velocity[rows, 1]})
+    assert not lines["true_airspeed"].active and "below zero" in lines["true_airspeed"].evidence

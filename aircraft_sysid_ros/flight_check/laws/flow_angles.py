@@ -29,7 +29,7 @@ _SHORT, _LONG = 0.25, 4.0
 _GUSTS, _FINE = 2.0, 0.05  # up to this step [s], and more for longer ones
 #: And an aeroplane follows gusts: what the vane sees of them alone and what the IMU sees are correlated by so much. In
 #: moderate gusts a vane of a stranger that reads 1.02 of the truth had seemed to read 1.98, at a correlation of 0.6.
-_FOLLOWS, _MOST_GUSTS = 0.5, 10.0
+_FOLLOWS, _MOST_GUSTS = 0.4, 10.0
 #: Time [s] that the law gets wrong.
 _LATE = 0.04
 #: A ratio that tells a unit and no scale.
@@ -85,9 +85,10 @@ def _in_time(y: Array, columns: Array, late: int, step: float) -> tuple[Array, A
 def _bias_of_gusts(correlation: float) -> float:
     """How far a factor k of a law may be off that gusts, which the IMU follows, leave with a correlation r.
 
-    Of y = x + g with x and g correlated by rho the factor is 1 + rho |g| / |x|, where |g| / |x| is k (1/r^2 - 1)^(1/2).
+    Of y = x + g with x and g correlated by rho the factor is k = 1 + rho |g| / |x|, and what is left of y is
+    (1 - rho^2)^(1/2) |g| = k (1/r^2 - 1)^(1/2) |x|.
     """
-    share = _FOLLOWS * np.sqrt(1.0 / max(correlation, 1e-3) ** 2 - 1.0)
+    share = _FOLLOWS / np.sqrt(1.0 - _FOLLOWS**2) * np.sqrt(1.0 / max(correlation, 1e-3) ** 2 - 1.0)
     return float(min(share / max(1.0 - share, 1e-3), _MOST_GUSTS))
 
 

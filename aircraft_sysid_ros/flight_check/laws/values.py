@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from aircraft_sysid_ros.flight_check.finding import INFO, WARNING, Finding
+from aircraft_sysid_ros.flight_check.finding import ERROR, INFO, WARNING, Finding
 from aircraft_sysid_ros.flight_check.grid import spikes
 from aircraft_sysid_ros.flight_check.signals import (
     ATTITUDE,
@@ -33,6 +33,10 @@ _SPIKES = 2e-4
 _COARSE = 0.2
 #: Surfaces further than this [rad] are in degrees; throttles above are in per cent.
 _SURFACE, _THROTTLE = 1.25, 1.5
+#: Surfaces that an aeroplane cannot be flown without moving, if it has them.
+_TURNING = ("elevator", "aileron", "rudder")
+#: Share of airspeeds below zero that is an error, and how far below, over the largest, is noise.
+_NEGATIVE, _NOISE_AT_REST = 0.02, 0.1
 #: Where zero is the end of the scale, at rest.
 _FROM_ZERO = ("true_airspeed", "dynamic_pressure", "height_above_ground")
 
@@ -95,7 +99,7 @@ def _one(name: str, kind: Kind, stream: Stream, column: int) -> list[Finding]:
     absurd = int(np.sum(np.abs(values) > LARGEST_VALUES[kind, column]))
     if name in COMMANDED:
         return _commanded(name, values)
-    found = []
+    found = _negative(values) if name == "true_airspeed" else []
     lacks = len(known) - len(values)
     if kind in _WHOLE and lacks >= _LACKS * len(known):
         found.append(Finding(
@@ -118,8 +122,31 @@ def _one(name: str, kind: Kind, stream: Stream, column: int) -> list[Finding]:
     return found + (_spikes(name, fresh) or _coarse(name, fresh) if not absurd else [])
 
 
+def _negative(values: Array) -> list[Finding]:
+    """An airspeed below zero, but for noise at rest."""
+    share = float(np.mean(values < -_NOISE_AT_REST * np.max(np.abs(values))))
+    if share < _NEGATIVE:
+        return []
+    return [Finding(
+        ("true_airspeed",), "sign", ERROR,
+        f"{share:.0%} of its values are below zero, down to {values.min():.3g} m/s: no airspeed is, and a component of "
+        "the velocity is what looks so; map another column",
+    )]  # fmt: skip
+
+
 def _commanded(name: str, values: Array) -> list[Finding]:
-    """Controls stand still and have flat tops by their nature; their size tells a wrong unit."""
+    """Controls stand still and have flat tops by their nature; their size tells a wrong unit.
+
+    A surface that never moves by as much as a bit is not recorded, or there is none.
+    """
+    if name in _TURNING and np.ptp(values) == 0.0:
+        at = f"it stands at {np.degrees(values[0]):.3g}° all the time"
+        if values[0] == 0.0:
+            return [Finding((name,), "held", INFO, f"{at}: what it does the flight does not show")]
+        return [Finding(
+            (name,), "held", WARNING,
+            f"{at}: if it moved and was not recorded, what it did is in other parameters; check its record",
+        )]  # fmt: skip
     most = float(np.percentile(np.abs(values), 99))
     if name in SURFACES and most > _SURFACE:
         return [Finding(

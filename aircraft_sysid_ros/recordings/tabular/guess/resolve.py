@@ -34,6 +34,8 @@ _JOINT = (
     (laws_of_several.lateral, "the kinematics of sideslip, yaw rate, bank and a_y"),
 )
 _PASSES = 6
+#: Share of an airspeed below zero that is no noise, and how far below, over the largest, may be noise.
+_BELOW_ZERO, _NOISE = 0.02, 0.1
 _SIZE = 0.7  # logarithm of what a slope may be off where a sign is taken from it
 
 
@@ -115,6 +117,7 @@ def _by_values(flight: Flight) -> None:
     for signal, column in flight.columns.items():
         if not len(_numbers(flight, signal)):
             column.doubt = "it holds no numbers"
+    _no_airspeeds(flight)
     _gravity(flight)
     for signal in ("latitude", "longitude"):
         if flight.has(signal):
@@ -260,6 +263,16 @@ def _yaw_offset(flight: Flight, column: Column) -> None:
     if quarter and abs(mean) > 0.5:
         column.offset = quarter * column.sign * (90.0 if column.unit == "deg" else 0.5 * np.pi)
         column.evidence.append(f"counted from another direction: the course over ground is {90 * quarter} deg off")
+
+
+def _no_airspeeds(flight: Flight) -> None:
+    """A column that is below zero is a component of the velocity, whatever its name."""
+    for signal in _SPEEDS:
+        column = flight.columns.get(signal)
+        values = _numbers(flight, signal) if column is not None else np.empty(0)
+        if column is not None and len(values) and np.mean(values < -_NOISE * np.max(np.abs(values))) > _BELOW_ZERO:
+            column.doubt = "it is below zero in part: a component of the velocity?"
+            column.unit = ""
 
 
 def _speeds(flight: Flight) -> None:

@@ -1,0 +1,60 @@
+"""Values of one signal that no aeroplane has, and vanes in gusts that it follows."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from aircraft_sysid_ros.flight_check.check import check
+from aircraft_sysid_ros.flight_check.finding import ERROR, INFO, WARNING
+from aircraft_sysid_ros.flight_check.laws.flow_angles import _bias_of_gusts
+from aircraft_sysid_ros.flight_check.signals import flight_of
+from aircraft_sysid_ros.samples import CONTROL_COLUMNS, Kind, Samples
+from aircraft_sysid_ros.simulation.simulated_flight import default_aircraft, simulate_samples
+
+
+@pytest.fixture(scope="module")
+def flown():
+    return simulate_samples(default_aircraft(), 61, 60.0).samples
+
+
+def said(samples, name):
+    findings = check(flight_of(samples, samples.stamp)).findings
+    return [(f.kind, f.severity, f.sentence) for f in findings if name in f.signals]
+
+
+def with_column(samples, kind, column, change):
+    values = samples.values.copy()
+    rows = samples.kind == kind
+    values[rows, column] = change(values[rows, column])
+    return Samples(samples.stamp, samples.kind, values)
+
+
+def test_an_airspeed_below_zero_is_an_error_and_noise_at_rest_is_none(flown):
+    east = with_column(flown, Kind.AIRSPEED, 0, lambda v: 15.0 * np.sin(np.arange(len(v)) / 300.0))
+    kind, severity, sentence = next(each for each in said(east, "true_airspeed") if each[0] == "sign")
+    assert severity == ERROR and "below zero" in sentence and kind == "sign"
+    rng = np.random.default_rng(1)
+    resting = with_column(
+        flown, Kind.AIRSPEED, 0, lambda v: np.where(np.arange(len(v)) < 300, rng.normal(size=len(v)), v)
+    )
+    assert not [each for each in said(resting, "true_airspeed") if each[0] == "sign"]
+
+
+@pytest.mark.parametrize(("value", "severity"), [(np.radians(1.5), WARNING), (0.0, INFO)])
+def test_a_surface_that_never_moves_is_said(flown, value, severity):
+    still = with_column(flown, Kind.CONTROLS, CONTROL_COLUMNS.index("dr"), lambda v: np.full(len(v), value))
+    (found,) = [each for each in said(still, "rudder") if each[0] == "held"]
+    assert found[1] == severity and "all the time" in found[2]
+    assert not [each for each in said(flown, "rudder") if each[0] == "held"]
+
+
+@pytest.mark.parametrize("follows", [-0.4, 0.0, 0.4])
+@pytest.mark.parametrize("gust", [0.2, 0.7, 1.5])
+def test_a_factor_in_gusts_that_are_followed_is_within_the_room_for_them(follows, gust):
+    """y = x + g with correlated x and g: the factor of the fit is not further from 1 than is said."""
+    rng = np.random.default_rng(3)
+    x, other = rng.standard_normal((2, 200_000))
+    y = x + gust * (follows * x + np.sqrt(1.0 - follows**2) * other)
+    factor, correlation = float(x @ y / (x @ x)), float(np.corrcoef(x, y)[0, 1])
+    assert abs(np.log(factor)) <= np.log1p(_bias_of_gusts(abs(correlation))) + 0.01
