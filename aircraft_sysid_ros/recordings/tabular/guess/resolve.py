@@ -35,7 +35,7 @@ _JOINT = (
 )
 _PASSES = 6
 #: Share of an airspeed below zero that is no noise, and how far below, over the largest, may be noise.
-_BELOW_ZERO, _NOISE = 0.02, 0.1
+_BELOW_ZERO, _NOISE = 0.02, 0.25
 _SIZE = 0.7  # logarithm of what a slope may be off where a sign is taken from it
 
 
