@@ -287,12 +287,18 @@ def _nothing(evidence: Evidence) -> Said:
     if suspect := next(filter(_nearly_named, candidates), next(filter(_is_something_else, candidates), None)):
         axis = suspect["main_axis"]
         share = 100 * (1.0 - suspect["error_after"] / suspect["error_before"])
+        usable = f"{used or 'none'} of {all_of_them}"
         return Said(
             "nothing",
             f"Nothing is surely missing. {suspect['name'] or suspect['label']} would take {share:.0f} % of the error "
-            f"of {axis[0]}_{axis[1]}, but {suspect['refused']}. The sensors agree, and {used} of {all_of_them} "
-            "parameters can be used.",
+            f"of {axis[0]}_{axis[1]}, but {suspect['refused']}. The sensors agree, and {usable} parameters can be "
+            "used.",
         )
+    if not used:
+        return Said(
+            "nothing", f"The sensors agree, and this flight says nothing of the aeroplane: none of its {all_of_them} "
+            "parameters can be used, and what may be missing in its model could not be asked of it.",
+        )  # fmt: skip
     return Said(
         "nothing", f"Nothing is missing that this flight could show: the sensors agree, and {used} of {all_of_them} "
         "parameters can be used.",

@@ -47,7 +47,11 @@ def next_flights(
     """Sentences, the most useful first; ``airspeed_reads`` as ``InFlightCheck`` has it."""
     is_sound = not any(finding["severity"] == ERROR for finding in check["findings"])
     lacking = _lacking(diagnosis) if is_sound else {}
-    said = [*_to_record(check), *_to_add(lacking), *_for_parameters(check, learnt, modes, set(lacking))]
+    said = [
+        *_to_record(check),
+        *_to_add(lacking, _counted_with(diagnosis)),
+        *_for_parameters(check, learnt, modes, set(lacking)),
+    ]
     if is_sound:
         said += [*_to_tell_apart(diagnosis), *_calm(diagnosis), *_to_tell_the_airspeed(airspeed_reads)]
     return list(dict.fromkeys(said)) or [_more(learnt)]
@@ -85,9 +89,17 @@ def _lacking(diagnosis: Mapping[str, Any] | None) -> dict[str, list[str]]:
     return found
 
 
-def _to_add(lacking: Mapping[str, Sequence[str]]) -> Iterator[str]:
-    """What no manoeuvre shows before the model has what it lacks."""
+def _counted_with(diagnosis: Mapping[str, Any] | None) -> list[str]:
+    """What the diagnosis counts with that the aircraft file does not say of sensors, as ``add`` calls it."""
+    of_sensors = (c["effect"] for c in (diagnosis or {"candidates": ()})["candidates"] if c["kind"] == MEASUREMENT)
+    return [name for name in dict.fromkeys(of_sensors) if name is not None]
+
+
+def _to_add(lacking: Mapping[str, Sequence[str]], settings: Sequence[str]) -> Iterator[str]:
+    """What no manoeuvre shows before the model has what it lacks, and what that was found with."""
     if lacking:
+        if settings:
+            yield f"Add {listed(list(settings))} first (`aircraft-sysid add`): what else is missing was found with it."
         effects = listed(list(dict.fromkeys(effect for names in lacking.values() for effect in names)))
         axes = listed([f"{axis[0]}_{axis[1]}" for axis in lacking])
         yield f"Add {effects} to the model (`aircraft-sysid add`) before anything is flown for {axes}."

@@ -35,8 +35,8 @@ _COARSE = 0.2
 _SURFACE, _THROTTLE = 1.25, 1.5
 #: Surfaces that an aeroplane cannot be flown without moving, if it has them.
 _TURNING = ("elevator", "aileron", "rudder")
-#: Share of airspeeds below zero that is an error, and how far below, over the largest, is the zero of a pitot at rest (MIT
-#: seaway: -4.4 m/s of 30).
+#: Share of airspeeds below zero that is an error, and how far below, over the largest, is the zero of a pitot at rest
+#: (MIT seaway: -4.4 m/s of 30).
 _NEGATIVE, _NOISE_AT_REST = 0.02, 0.25
 #: Where zero is the end of the scale, at rest.
 _FROM_ZERO = ("true_airspeed", "dynamic_pressure", "height_above_ground")
