@@ -23,6 +23,9 @@ _ELEMENT = re.compile(r"^(\w+)\[(\d+)\]$")
 _GPS = ("sensor_gps", "vehicle_gps_position")
 _FIX_3D = 3
 
+#: Bytes before the first message, and before the content of each.
+_FILE_HEADER, _MESSAGE_HEADER = 16, 3
+
 
 def import_ulog(path: Path, mapping: ServoMapping | None = None) -> ImportedLog:
     """A ULog as our topics; raises InputError for what is not one."""
@@ -45,12 +48,22 @@ def read_ulog(path: Path) -> LogContent:
     start, notes = _start(data)
     batches = [_batch(name, columns, start) for name, columns in data.items() if name in PX4]
     found = {item.name: len(item.data[TIMES[1]]) for item in items}
+    if not log.file_corruption and _breaks_off(path.read_bytes()):
+        notes.append("the log breaks off in the middle of a message: what came before it was read")
     if log.file_corruption or len(items) < sum(item.multi_id == 0 for item in log.data_list):
         notes.append("the file is damaged in places: what could be read was")
     if log.dropouts:
         lost = sum(dropout.duration for dropout in log.dropouts) / 1000.0
         notes.append(f"the logger lost {len(log.dropouts)} pieces, {lost:.1f} s in all")
     return LogContent("ULog (PX4)", batches, found, [*notes, NO_CHECKSUMS])
+
+
+def _breaks_off(content: bytes) -> bool:
+    """Whether the last message of a ULog is longer than what is there of it: each begins with its size and its kind."""
+    at = _FILE_HEADER
+    while at < len(content):
+        at += _MESSAGE_HEADER + int.from_bytes(content[at : at + 2], "little")
+    return at != len(content)
 
 
 def _start(data: dict[str, dict[str, npt.NDArray[Any]]]) -> tuple[int, list[str]]:

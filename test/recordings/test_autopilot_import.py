@@ -325,6 +325,14 @@ def test_ulog(tmp_path, calibration, new_gps):
     assert report["topics"]["air_data"]["source"] == "airspeed (indicated)"
 
 
+@pytest.mark.parametrize("cut", [0, 5])
+def test_a_ulog_that_breaks_off_says_so(tmp_path, cut):
+    log, whole = tmp_path / "flight.ulg", ulog(ulog_topics())
+    log.write_bytes(whole[: len(whole) - cut])
+    report, _ = run_import(log, tmp_path / "bag")
+    assert any("breaks off in the middle of a message" in note for note in report["notes"]) is bool(cut)
+
+
 def test_a_ulog_without_gps_time_says_so(tmp_path):
     topics = {name: content for name, content in ulog_topics().items() if "gps" not in name}
     log = tmp_path / "flight.ulg"
