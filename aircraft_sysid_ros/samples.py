@@ -217,3 +217,17 @@ def same_imu(a: Samples, b: Samples) -> bool:
 def is_absurd(samples: Samples) -> npt.NDArray[np.bool_]:
     """Which values (n, WIDTH) no aircraft has; NaN is not absurd."""
     return np.asarray(np.abs(samples.values) > LARGEST_VALUES[samples.kind])
+
+
+#: Share of airspeeds below zero from which they are none, and how far below, over the usual largest, may be the zero of
+#: a pitot at rest (MIT seaway: -4.4 m/s of 30).
+_BELOW_ZERO, _AT_REST = 0.02, 0.25
+
+
+def share_below_zero(airspeeds: npt.NDArray[np.float64]) -> float:
+    """Share of airspeeds (n,) that no pitot reads; 0 where they are few enough, or near zero."""
+    known = airspeeds[np.isfinite(airspeeds)]
+    if not len(known):
+        return 0.0
+    share = float(np.mean(known < -_AT_REST * np.quantile(np.abs(known), 0.99)))
+    return share if share > _BELOW_ZERO else 0.0

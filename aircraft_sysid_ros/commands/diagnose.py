@@ -71,7 +71,7 @@ def _about(candidate: dict[str, Any], file: str | None) -> list[str]:
     if candidate["name"] != candidate["label"]:
         lines.append(f"    {candidate['name']}. {candidate['physics']}")
     added = candidate["effect"] or f'"{candidate["expression"]}"'
-    if candidate["found"] and file is not None:
+    if candidate["found"] and file is not None and candidate.get("is_to_add", True):
         lines.append(f"    to add: aircraft-sysid add {quote(str(Path(file).parent))} {added}")
     elif candidate["expression"] and candidate["expression"] != candidate["label"]:
         lines.append(f"    to add: {added}")

@@ -25,6 +25,8 @@ from aircraft_sysid_ros.rounding import rounded_to_error
 Array = npt.NDArray[np.float64]
 #: The largest that is quoted is passed in one hundredth of the time in which it acts.
 _LARGEST = 0.99
+#: Standard error [rad] from which an angle says nothing.
+_TOLD_TO = np.radians(5.0)
 #: Newtons from which on they are said as kN.
 _KILO = 1e4
 #: A number is divided by one that is so many of its standard errors away from 0.
@@ -70,6 +72,8 @@ def added_terms(flight: FlightData, trial: Score) -> AddedTerms:
 
 def how_large(added: AddedTerms) -> str:
     """What a finding does in its main axis, in words; empty where the flight does not determine it."""
+    if added.axis not in added.terms:
+        return ""
     return "; ".join(text for text in (_as_physics(added), _in_newtons(added)) if text)
 
 
@@ -83,7 +87,8 @@ def _in_newtons(added: AddedTerms) -> str:
     rms, largest = float(np.sqrt(np.mean(part**2))), float(np.quantile(part, _LARGEST))
     if largest >= _KILO:
         rms, largest, unit = 1e-3 * rms, 1e-3 * largest, f"k{unit}"
-    return f"it makes {rms:.2g} {unit} (rms) of {AXIS_WORDS[added.axis]} while it acts, and up to {largest:.2g} {unit}"
+    acts = f"it makes {_plain(rms)} {unit} (rms) of {AXIS_WORDS[added.axis]} while it acts"
+    return f"{acts}, and up to {_plain(largest)} {unit}"
 
 
 def _as_physics(added: AddedTerms) -> str:
@@ -113,16 +118,18 @@ def _surface(added: AddedTerms) -> str:
     word = SURFACE_WORDS[name.partition("_")[2]]
     lost = _share(terms[0], added.model.get(name))
     said = [f"{lost} of what the {word} did to the {AXIS_WORDS[axis]} is lost"] if lost else []
+    angle, std = np.nan, np.nan
     if len(terms) > 1 and terms[0].is_sure:
         angle = -terms[1].value / terms[0].value
         std = np.hypot(terms[1].std, angle * terms[0].std) / abs(terms[0].value)
+    if std < _TOLD_TO:
         said.append(f"what sticks stands at {_with_std(np.degrees(angle), np.degrees(std))} deg")
     return " and ".join(said)
 
 
 def _share(term: Fitted, whole: Fitted | None) -> str:
-    """-term / whole in percent, where both are sure."""
-    if whole is None or not whole.is_sure or not term.is_sure:
+    """-term / whole in percent, where both are sure and something is lost."""
+    if whole is None or not whole.is_sure or not term.is_sure or term.value * whole.value > 0.0:
         return ""
     share = -term.value / whole.value
     std = np.hypot(term.std, share * whole.std) / abs(whole.value)
@@ -141,8 +148,8 @@ def _shift(added: AddedTerms) -> str:
         return ""
     length, ways = (aircraft.chord, ("aft", "forward")) if along else (aircraft.span, ("to the right", "to the left"))
     moved = -terms[0].value * length
-    said = f"it moved about {100.0 * abs(moved):.2g} cm {ways[moved < 0.0]}"
-    return f"{said}, {100.0 * abs(moved) / aircraft.chord:.2g} % of the chord" if along else said
+    said = f"it moved about {_plain(100.0 * abs(moved))} cm {ways[moved < 0.0]}"
+    return f"{said}, {_plain(100.0 * abs(moved) / aircraft.chord)} % of the chord" if along else said
 
 
 def _mass(added: AddedTerms) -> str:
@@ -153,6 +160,7 @@ def _mass(added: AddedTerms) -> str:
     axis, (term,) = added.axis, added.terms[added.axis]
     part, without = _part(added, axis), _without(added, axis)
     there = np.isfinite(part) & np.isfinite(without) & (part != 0.0)
+    there &= added.flight.signal("time") >= dict(added.candidate.inner).get("full", -np.inf)  # of a ramp
     if not term.is_sure or not np.any(there):
         return ""
     share = float(np.sum(part[there] * without[there]) / np.sum(without[there] ** 2))
@@ -174,6 +182,11 @@ def _without(added: AddedTerms, axis: str) -> Array:
     values = [added.model[f"{axis}_{term_label(text)}"].value for text in model.terms[axis]]
     whole = added.flight.columns(model.programs[AXES.index(axis)]) @ np.nan_to_num(values)
     return np.asarray(whole - np.nan_to_num(_part(added, axis)))
+
+
+def _plain(value: float) -> str:
+    """Two digits, without an exponent."""
+    return f"{float(f'{value:.2g}'):g}"
 
 
 def _with_std(value: float, std: float) -> str:

@@ -140,6 +140,7 @@ class FlightDiagnosis:
             "error_after": after,
             "confounded_with": list(finding.confounded_with),
             "where": f"{setting.label}: {_of_sensors(setting)}",
+            "how_large": "",
             "inner": {setting.effect.setting_number(setting.variant).name: setting.value},
             "parameters": [],
             "found": finding.matters,

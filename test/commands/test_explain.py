@@ -224,9 +224,10 @@ def test_what_the_model_lacks_is_added_before_anything_is_flown_for_its_axis():
 def test_what_a_diagnosis_counts_with_is_added_first():
     """Effects alone left 48 % of C_m of a stranger's jet where 18 % was promised with the lag of its servos."""
     late = {"effect": "actuator_lag", "kind": "measurement", "found": True, "axes": [], "confounded_with": []}
-    diagnosis = {**DIHEDRAL, "candidates": [late, *DIHEDRAL["candidates"]], "advice": ""}
+    refused = {**late, "effect": "airspeed_scale", "found": False, "terms": {"CX": ["1"]}}  # asked of the forces
+    diagnosis = {**DIHEDRAL, "candidates": [late, refused, *DIHEDRAL["candidates"]], "advice": ""}
     first, second, *_ = next_flights({"findings": [], "identifiable": {}}, None, (), diagnosis)
-    assert first.startswith("Add actuator_lag first") and second.startswith("Add dihedral_alpha to the model")
+    assert first.startswith("Add actuator_lag first (") and second.startswith("Add dihedral_alpha to the model")
 
 
 def test_where_nothing_tells_whether_the_airspeed_is_right_circles_are_to_be_flown():

@@ -6,13 +6,15 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from aircraft_sysid_ros.diagnosis import flight_answer
 from aircraft_sysid_ros.diagnosis.failures.airspeed_step import airspeed_step
 from aircraft_sysid_ros.diagnosis.failures.axis_relation import ENGINE, Acting, AxisRelation
 from aircraft_sysid_ros.diagnosis.failures.episode import Times
-from aircraft_sysid_ros.diagnosis.failures.failure import Failure, described
+from aircraft_sysid_ros.diagnosis.failures.failure import Failure, FailureReport, described
 from aircraft_sysid_ros.diagnosis.failures.failure_search import FailureSearch
 from aircraft_sysid_ros.diagnosis.failures.failures import _deaf, _Form, _frozen
 from aircraft_sysid_ros.diagnosis.failures.interval_search import CONSTANT, FROZEN, NIL
+from aircraft_sysid_ros.diagnosis.failures.unrecorded_change import UnrecordedChange
 from aircraft_sysid_ros.diagnosis.failures.verdict import named
 from aircraft_sysid_ros.diagnosis.failures.words import sentence_of, sentence_of_airspeed
 from aircraft_sysid_ros.samples import Kind, concatenate, samples_of
@@ -107,6 +109,39 @@ def test_an_airspeed_that_reads_less_since_then_is_told_by_gps(times):
 @pytest.mark.parametrize("gusts", [0.5, 2.0])
 def test_one_that_does_not_is_not(gusts, seed):
     assert airspeed_step(circling(1.0, gusts, seed), [Times(200.0, None, 0.5, np.nan)]) is None
+
+
+@pytest.mark.parametrize("second", [np.pi / 4.0, np.pi / 2.0])
+@pytest.mark.parametrize("seed", range(6))
+def test_straight_legs_do_not_tell_it(second, seed):
+    """Of a wind along one leg and along another the ratio could be 0.05 or 20, each sure to a tenth."""
+    samples = circling(1.0, 1.0, seed)
+    rows = samples.kind == Kind.GPS_VELOCITY
+    time = (samples.stamp[rows] - samples.stamp.min()) * 1e-9
+    course, gusts = np.where(time > 200.0, second, 0.0), samples.values[rows, :2] * 0.05
+    samples.values[rows, 0] = 20.0 * np.cos(course) + 6.0 + gusts[:, 0]
+    samples.values[rows, 1] = 20.0 * np.sin(course) + gusts[:, 1]
+    assert airspeed_step(samples, [Times(200.0, None, 0.5, np.nan)]) is None
+
+
+def test_it_is_said_in_the_place_of_the_moment(monkeypatch, aircraft):
+    """By the whole answer, which had searched the library and forgotten it."""
+    samples = circling(0.88, 0.5)
+    times = (Times(200.0, None, 0.5, np.nan),)
+    changed = UnrecordedChange(
+        times=times, evidence=200.0, gains={"Cm": 200.0}, main_axis="Cm", size=0.3, errors={"Cm": (0.5, 0.4)}
+    )
+    balance = SimpleNamespace(begin=0, wind=None, aircraft=aircraft)
+    report = FailureReport(
+        (), changed, (), ("de",), frozenset({"de"}), ("Cm",), {}, balance, airspeed_step(samples, times)
+    )
+    monkeypatch.setattr(flight_answer, "by_forces", lambda *_: report)
+    said = flight_answer.answer(aircraft, samples)
+    (candidate,) = said["candidates"]
+    assert said["verdict"] == "missing" and candidate["effect"] == "airspeed_scale" and candidate["found"]
+    assert not candidate["is_to_add"] and candidate["terms"] == {} and "from 200.0 s" in candidate["where"]
+    assert said["advice"].startswith("By GPS and a steady wind the airspeed reads 0.8")
+    assert "pitching moment" not in said["advice"]
 
 
 def test_without_gps_or_airspeed_nothing_is_said():

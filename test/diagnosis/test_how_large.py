@@ -1,6 +1,7 @@
 """How large a finding is said to be, against what was hidden: kilograms, centimetres, shares, degrees and newtons."""
 
 import re
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -8,8 +9,8 @@ import pytest
 from aircraft_sysid_ros.aircraft.expression import parse_expression
 from aircraft_sysid_ros.aircraft.term_values import evaluate
 from aircraft_sysid_ros.diagnosis.flight.reconstruction import reconstruct, settled_flight
-from aircraft_sysid_ros.diagnosis.how_large import added_terms, how_large
-from aircraft_sysid_ros.diagnosis.search.candidates import with_inner
+from aircraft_sysid_ros.diagnosis.how_large import AddedTerms, Fitted, added_terms, how_large
+from aircraft_sysid_ros.diagnosis.search.candidates import Candidate, with_inner
 from aircraft_sysid_ros.diagnosis.search.evaluator import CandidateEvaluator
 from aircraft_sysid_ros.effects import effect_of
 from aircraft_sysid_ros.simulation.simulated_flight import simulate_samples
@@ -75,13 +76,49 @@ def test_newtons_are_those_of_what_was_hidden(aircraft):
     part = data.columns(data.parsed([term.expression]))[:, 0] * term.value
     part = part * data.signal("qbar") * aircraft.wing_area * length
     rms = np.sqrt(np.mean(part[np.isfinite(part) & (part != 0.0)] ** 2))
-    assert float(re.search(r"makes ([\d.e+-]+) N", text)[1]) == pytest.approx(rms, rel=0.1)
+    assert float(re.search(r"makes ([\d.]+) N", text)[1]) == pytest.approx(rms, rel=0.1)
 
 
-def test_what_the_flight_does_not_determine_is_not_said(aircraft):
-    flown = simulate_samples(aircraft, 3, 60.0, manoeuvres=())
-    data = settled_flight(reconstruct(aircraft, flown.samples, with_covariance=False))
-    bench, effect = CandidateEvaluator(data), effect_of("control_damage")
-    variant = next(each for each in effect.variants if each.name == "rudder")
-    trial = bench.trial(with_inner(effect, variant, {"t0": 30.0}, bench.base))
-    assert trial is None or "nan" not in how_large(added_terms(data, trial))
+@pytest.mark.parametrize(
+    ("terms", "said"),
+    [
+        ([Fitted(0.1, 0.01), Fitted(0.004, 0.001)], ["50.0 ± 5.1 %", "stands at -2.29 ± 0.62 deg"]),
+        ([Fitted(0.1, 0.01), Fitted(np.nan, np.nan)], ["50.0 ± 5.1 %"]),
+        ([Fitted(0.1, 0.01), Fitted(0.004, 0.05)], ["50.0 ± 5.1 %"]),  # to 29 degrees
+        ([Fitted(-0.1, 0.01), Fitted(np.nan, np.nan)], []),  # more of it
+        ([Fitted(0.1, 0.09), Fitted(0.004, 0.001)], []),
+        ([Fitted(np.nan, np.nan), Fitted(np.nan, np.nan)], []),
+    ],
+)
+def test_what_the_flight_does_not_determine_is_not_said(aircraft, terms, said):
+    """C_l += C_l,da (a da + b) with C_l,da = -0.2."""
+    variant = next(each for each in effect_of("stuck_control").variants if each.name == "aileron")
+    texts = ("max(sign(time-30),0)*da", "max(sign(time-30),0)")
+    candidate = Candidate(effect_of("stuck_control"), "aileron", (("t0", 30.0),), {"Cl": texts}, ties=variant.ties)
+    nothing = np.full(5, np.nan)
+    flight = SimpleNamespace(
+        aircraft=aircraft,
+        parsed=list,
+        columns=lambda programs: np.ones((5, len(programs))),
+        signal=lambda name: nothing,
+    )
+    model = {"Cl_da": Fitted(-0.2, 0.004)}
+    text = how_large(AddedTerms(flight, candidate, "Cl", {"Cl": terms}, model))
+    assert "nan" not in text and text.count("±") == len(said)
+    for each in said:
+        assert each in text, text
+
+
+def test_a_mass_that_falls_little_by_little_is_that_at_the_end(aircraft):
+    candidate = Candidate(effect_of("mass_change"), "", (("t0", 20.0), ("full", 90.0)), {"CZ": ("ramp",)})
+    time = np.arange(0.0, 120.0)
+    ramp = np.clip((time - 20.0) / 70.0, 0.0, 1.0)
+    flight = SimpleNamespace(
+        aircraft=aircraft, parsed=list, signal=lambda name: time if name == "time" else np.full(120, 200.0),
+        columns=lambda programs: np.column_stack([-0.5 * ramp if p == "ramp" else np.ones(120) for p in programs]),
+        model=SimpleNamespace(terms={"CZ": ("1", "ramp")}, programs=[(), (), ("1", "ramp")]),
+    )  # fmt: skip
+    model = {"CZ_0": Fitted(-0.5, 0.001), "CZ_ramp": Fitted(0.25, 0.005)}
+    text = how_large(AddedTerms(flight, candidate, "CZ", {"CZ": [Fitted(0.25, 0.005)]}, model))
+    (value, _std), *_ = numbers_of(text)
+    assert value == pytest.approx(aircraft.mass * (1.0 - 1.0 / 1.25), rel=0.02) and "less" in text

@@ -7,7 +7,7 @@ import strange_layouts as layouts
 from aircraft_sysid_ros.aircraft.frames import euler_from_quaternion
 from aircraft_sysid_ros.recordings.tabular.column_expression import parse_column_expression
 from aircraft_sysid_ros.recordings.tabular.guess.first_map import guess_map
-from aircraft_sysid_ros.recordings.tabular.guess.names import guess_name
+from aircraft_sysid_ros.recordings.tabular.guess.names import guess_ground_track, guess_name, in_company
 
 KNOT = 1852.0 / 3600.0
 
@@ -29,7 +29,13 @@ def lines_of(flight, folder, further):
 
 
 @pytest.mark.parametrize(
-    "names", [("gs_kt", "track_deg"), ("ground speed [kt]", "COG [deg]"), ("v_ground_kt", "Kurs_deg")]
+    "names",
+    [
+        ("gs_kt", "track_deg"),
+        ("ground speed [kt]", "COG [deg]"),
+        ("v_ground_kt", "Kurs_deg"),
+        ("GS (kts)", "Course (°)"),
+    ],
 )
 def test_speed_and_course_over_ground_are_the_velocity(flight, tmp_path, names):
     def further(truth, rows):
@@ -40,7 +46,7 @@ def test_speed_and_course_over_ground_are_the_velocity(flight, tmp_path, names):
     assert not set(names) & set(part.unmapped)
     for i, way in enumerate(("north", "east")):
         line = lines[f"velocity.{way}"]
-        assert line.active and line.unit == "kt", line
+        assert line.active and line.unit in ("kt", "kts"), line
         value = line.sign * KNOT * parse_column_expression(line.expression).evaluate(columns)
         np.testing.assert_allclose(value, velocity[:, i], atol=0.02)
 
@@ -75,7 +81,8 @@ def test_a_command_in_an_angle_is_a_surface_that_is_not_sure_and_a_measured_one_
         ("Gierrate [°/s]", "angular_velocity.z", "°/s"), ("Drehzahl", "propeller_speed", ""),
         ("Anstellwinkel_deg", "angle_of_attack", "deg"), ("Steiggeschwindigkeit [m/s]", "velocity.down", "m/s"),
         ("dérapage", "sideslip", ""), ("assiette [deg]", "attitude.pitch", "deg"),
-        ("Staudruck [Pa]", "dynamic_pressure", "Pa"), ("v_est_m_s", "velocity.east", "m/s"),
+        ("Staudruck [Pa]", "dynamic_pressure", "Pa"),
+        ("Drehzahl [U/min]", "propeller_speed", "U/min"), ("gouverne de profondeur [°]", "elevator", "°"),
         ("taux_lacet_deg_s", "angular_velocity.z", "deg/s"), ("regime_tr_min", "propeller_speed", "rpm"),
     ],
 )  # fmt: skip
@@ -89,3 +96,18 @@ def test_a_velocity_that_is_called_an_airspeed_is_none(flight, tmp_path):
     """Sure by its name alone had been a column that is below zero half of the time."""
     lines, *_ = lines_of(flight, tmp_path, lambda truth, rows: {"tas_mps": truth.velocity[rows, 1]})
     assert not lines["true_airspeed"].active and "below zero" in lines["true_airspeed"].evidence
+
+
+@pytest.mark.parametrize("name", ["direction_deg", "laenge_m", "breite_m", "cap", "regime", "wind_direction"])
+def test_words_that_mean_something_else_are_not_guessed(name):
+    assert guess_name(name) is None
+
+
+def test_est_is_the_east_beside_the_north_and_an_estimate_alone():
+    assert guess_name(in_company("v_est_m_s", ["v_nord_m_s"])).signal == "velocity.east"
+    assert guess_name(in_company("v_est_m_s", ["alpha_deg"])).signal == "true_airspeed"
+
+
+@pytest.mark.parametrize("name", ["track_m", "course_m", "ground_track_km", "track_s"])
+def test_a_distance_along_a_track_is_no_course(name):
+    assert guess_ground_track(name) is None

@@ -296,8 +296,8 @@ def _nothing(evidence: Evidence) -> Said:
         )
     if not used:
         return Said(
-            "nothing", f"The sensors agree, and this flight says nothing of the aeroplane: none of its {all_of_them} "
-            "parameters can be used, and what may be missing in its model could not be asked of it.",
+            "nothing", f"No parameter can be used (0 of {all_of_them}), so that this flight says nothing of the "
+            "aeroplane; its sensors agree, and no fault of its model shows.",
         )  # fmt: skip
     return Said(
         "nothing", f"Nothing is missing that this flight could show: the sensors agree, and {used} of {all_of_them} "

@@ -91,7 +91,8 @@ def _lacking(diagnosis: Mapping[str, Any] | None) -> dict[str, list[str]]:
 
 def _counted_with(diagnosis: Mapping[str, Any] | None) -> list[str]:
     """What the diagnosis counts with that the aircraft file does not say of sensors, as ``add`` calls it."""
-    of_sensors = (c["effect"] for c in (diagnosis or {"candidates": ()})["candidates"] if c["kind"] == MEASUREMENT)
+    candidates = (c for c in (diagnosis or {"candidates": ()})["candidates"] if c["kind"] == MEASUREMENT)
+    of_sensors = (c["effect"] for c in candidates if c["found"] or not c.get("terms"))  # or refused, as terms
     return [name for name in dict.fromkeys(of_sensors) if name is not None]
 
 

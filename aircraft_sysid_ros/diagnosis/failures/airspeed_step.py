@@ -24,6 +24,10 @@ Array = npt.NDArray[np.float64]
 #: ln of the ratio from which it is told, and its standard errors. In eleven flights of a stranger it was 0.03 and 2.9
 #: at most where the airspeed was as before, and 0.12 and 19 at least where it read 0.88 of that.
 LEAST, SURE = 0.05, 8.0
+#: Lowest and highest ratio that a tube may make; beyond, the wind was not told. And how much the courses must differ
+#: within the times or within the rest (1 less the length of the mean direction): what straight legs tell of a wind
+#: goes with the ratio.
+POSSIBLE, COURSES = (0.5, 1.6), 0.2
 #: Time [s] about a begin or an end that is left out, and share of the usual airspeed below which it does not fly.
 _BESIDE, _FLYING = 2.0, 0.5
 #: Blocks [s] that are independent, and how many of each kind are needed.
@@ -59,9 +63,17 @@ def airspeed_step(samples: Samples, times: Sequence[Times]) -> AirspeedStep | No
     block = np.asarray(time // _BLOCK, dtype=np.int64)
     if min(len(np.unique(block[inside])), len(np.unique(block[~inside]))) < _FEWEST:
         return None
+    if max(_turned(velocity[inside]), _turned(velocity[~inside])) < COURSES:
+        return None
     ratio, std = _step(velocity, read, inside, block)
-    is_told = abs(np.log(ratio)) > max(LEAST, SURE * std)
+    is_told = POSSIBLE[0] < ratio < POSSIBLE[1] and abs(np.log(ratio)) > max(LEAST, SURE * std)
     return AirspeedStep(ratio, ratio * std, tuple(times)) if is_told else None
+
+
+def _turned(velocity: Array) -> float:
+    """How much courses differ: 0 straight ahead, 1 all round."""
+    course = np.arctan2(velocity[:, 1], velocity[:, 0])
+    return float(1.0 - abs(np.mean(np.exp(1j * course))))
 
 
 def _step(

@@ -74,7 +74,7 @@ class FailureReport:
     judged: tuple[str, ...]  # axes
     not_judged: dict[str, str]  # axes, and why
     balance: ForceBalance = field(repr=False)
-    #: Where moments changed with the airspeed, which is why no change of them is told.
+    #: What the airspeed reads where ``changed`` is: that is told in its place.
     airspeed: AirspeedStep | None = None
 
     @property

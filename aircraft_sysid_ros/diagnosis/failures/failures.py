@@ -178,8 +178,8 @@ def failures_of(
     unnamed = [] if best or changed is not None else [*unlike, *(f for _, f in found[:1] if f.name != ENGINE)]
     unnamed.sort(key=lambda failure: -failure.evidence)
     return FailureReport(
-        tuple(best), changed if airspeed is None else None, tuple(unnamed), tuple(evidence), frozenset(shown), judged,
-        not_judged, motion.balance, airspeed,
+        tuple(best), changed, tuple(unnamed), tuple(evidence), frozenset(shown), judged, not_judged, motion.balance,
+        airspeed,
     )  # fmt: skip
 
 

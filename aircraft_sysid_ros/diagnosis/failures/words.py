@@ -17,7 +17,7 @@ from aircraft_sysid_ros.diagnosis.failures.interval_search import PART
 from aircraft_sysid_ros.diagnosis.failures.unrecorded_change import UnrecordedChange
 from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS
 from aircraft_sysid_ros.effects import BY_ID
-from aircraft_sysid_ros.effects.effect import CHANGE
+from aircraft_sysid_ros.effects.effect import CHANGE, MEASUREMENT
 from aircraft_sysid_ros.identification.conditions import listed
 
 LOSS_OF_THRUST, STUCK, DAMAGED = "loss_of_thrust", "stuck_control", "control_damage"
@@ -191,6 +191,17 @@ def change_json(change: UnrecordedChange, report: FailureReport) -> dict[str, An
     }
 
 
+def _of_airspeed(step: AirspeedStep) -> dict[str, Any]:
+    """What is otherwise of a change of moments that the airspeed makes: no term of the model stands for it."""
+    effect = BY_ID["airspeed_scale"]
+    return {
+        "effect": effect.identifier, "label": effect.identifier, "name": effect.name, "kind": MEASUREMENT,
+        "physics": effect.physics, "manoeuvre": effect.manoeuvre, "expression": None, "terms": {}, "axes": [],
+        "confounded_with": [], "where": f"it reads {step.ratio:.3f} ± {step.std:.3f} of the rest {span_of(step)}",
+        "is_to_add": False,
+    }  # fmt: skip
+
+
 def unlike_json(failure: Failure, report: FailureReport) -> dict[str, Any]:
     """As of any candidate without a name: the terms say that the input does something else for that time."""
     label = f"another effect of the control '{_WHAT.get(failure.name, failure.name)}'"
@@ -246,7 +257,8 @@ def candidates_of(report: FailureReport) -> Iterator[tuple[dict[str, Any], Episo
     for failure in report.found:
         yield candidate_json(failure, report), failure
     if report.changed is not None:
-        yield change_json(report.changed, report), report.changed
+        said = change_json(report.changed, report)
+        yield {**said, **(_of_airspeed(report.airspeed) if report.airspeed else {})}, report.changed
 
 
 def report_json(report: FailureReport, notes: list[str]) -> dict[str, Any]:
@@ -298,7 +310,7 @@ def _advice(report: FailureReport) -> Iterator[str]:
         yield sure_of(failure)
     if report.airspeed is not None:
         yield sentence_of_airspeed(report.airspeed)
-    if report.changed is not None:
+    elif report.changed is not None:
         yield sentence_of_change(report.changed)
         yield f"It is {_times_likelier(report.changed.evidence)} than that nothing changed."
     elif report.unexplained is not None:

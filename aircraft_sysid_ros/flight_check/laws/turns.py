@@ -86,7 +86,7 @@ def heading_offset(motion: Motion) -> HeadingOffset | None:
     from w. The standard error takes blocks of 20 s, in which gusts last, for independent.
     """
     through, ground = _through_the_air(motion), motion.velocity[:, 0] + 1j * motion.velocity[:, 1]
-    known = np.isfinite(through) & np.isfinite(ground)
+    known = np.isfinite(through) & np.isfinite(ground) & (np.abs(through) > 0.0)
     through, ground = through[known], ground[known]
     block = np.asarray(motion.grid.time[known] // _BLOCK, dtype=np.int64)
     if len(np.unique(block)) < _FEWEST or 1.0 - abs(np.mean(through / np.abs(through))) < _COURSES:

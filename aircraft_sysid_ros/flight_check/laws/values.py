@@ -18,7 +18,7 @@ from aircraft_sysid_ros.flight_check.signals import (
     groups,
     interpolated_length,
 )
-from aircraft_sysid_ros.samples import LARGEST_VALUES, Kind
+from aircraft_sysid_ros.samples import LARGEST_VALUES, Kind, share_below_zero
 from aircraft_sysid_ros.stretches import stretches
 
 Array = npt.NDArray[np.float64]
@@ -35,9 +35,6 @@ _COARSE = 0.2
 _SURFACE, _THROTTLE = 1.25, 1.5
 #: Surfaces that an aeroplane cannot be flown without moving, if it has them.
 _TURNING = ("elevator", "aileron", "rudder")
-#: Share of airspeeds below zero that is an error, and how far below, over the largest, is the zero of a pitot at rest
-#: (MIT seaway: -4.4 m/s of 30).
-_NEGATIVE, _NOISE_AT_REST = 0.02, 0.25
 #: Where zero is the end of the scale, at rest.
 _FROM_ZERO = ("true_airspeed", "dynamic_pressure", "height_above_ground")
 
@@ -125,8 +122,8 @@ def _one(name: str, kind: Kind, stream: Stream, column: int) -> list[Finding]:
 
 def _negative(values: Array) -> list[Finding]:
     """An airspeed below zero, but for noise at rest."""
-    share = float(np.mean(values < -_NOISE_AT_REST * np.max(np.abs(values))))
-    if share < _NEGATIVE:
+    share = share_below_zero(values)
+    if share == 0.0:
         return []
     return [Finding(
         ("true_airspeed",), "sign", ERROR,

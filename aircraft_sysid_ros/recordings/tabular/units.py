@@ -27,7 +27,7 @@ _SPELLINGS = {
     "inhg": "inHg", "in hg": "inHg", "in-hg": "inHg", "mb": "mbar", "hpa": "hPa", "kpa": "kPa", "pa": "Pa",
     "sec": "s", "secs": "s", "seconds": "s", "msec": "ms", "usec": "us", "nsec": "ns", "hr": "hour",
     "hrs": "hour", "slug/ft3": "slug/ft^3", "kg/m3": "kg/m^3", "rev/min": "rpm", "rev/s": "turn/s", "rps": "turn/s",
-    "r/min": "rpm",
+    "r/min": "rpm", "u/min": "rpm", "tr/min": "rpm", "1/min": "rpm",
     "-": "1", "": "1", "none": "1", "nd": "1", "n/a": "1", "[-]": "1", "1": "1", "frac": "1", "fraction": "1",
     "degree": "deg", "degrees/s": "deg/s", "deg/s^2": "deg/s^2", "us": "us", "μs": "us", "µs": "us",
 }  # fmt: skip

@@ -18,7 +18,7 @@ from aircraft_sysid_ros.recordings.tabular.guess.ground_track import ground_trac
 from aircraft_sysid_ros.recordings.tabular.guess.known_kinds import known_lines
 from aircraft_sysid_ros.recordings.tabular.guess.known_line import KnownLine
 from aircraft_sysid_ros.recordings.tabular.guess.manoeuvre_tables import joined_manoeuvres
-from aircraft_sysid_ros.recordings.tabular.guess.names import TIME, guess_name, is_command
+from aircraft_sysid_ros.recordings.tabular.guess.names import TIME, guess_name, in_company, is_command
 from aircraft_sysid_ros.recordings.tabular.guess.quaternions import quaternion_columns
 from aircraft_sysid_ros.recordings.tabular.guess.resolve import resolve
 from aircraft_sysid_ros.recordings.tabular.guess.series import Column
@@ -240,7 +240,7 @@ def _named_columns(
     for name, raw in content.items():
         if name == time.column or len(raw) != len(time.seconds):
             continue
-        guess = guess_name(name, table.units.get(name, ""), table.name)
+        guess = guess_name(in_company(name, content), table.units.get(name, ""), table.name)
         if guess is None or guess.signal == TIME:
             continue
         values, bad = numbers(raw)

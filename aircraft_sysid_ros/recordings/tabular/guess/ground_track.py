@@ -12,13 +12,13 @@ from aircraft_sysid_ros.recordings.tabular.column_expression import parse_column
 from aircraft_sysid_ros.recordings.tabular.guess.names import guess_ground_track
 from aircraft_sysid_ros.recordings.tabular.guess.series import Column
 from aircraft_sysid_ros.recordings.tabular.table import numbers
+from aircraft_sysid_ros.recordings.tabular.units import conversion
 
 Array = npt.NDArray[np.float64]
 #: After any column that is a velocity to the north or to the east by its name.
 _DISTANCE = 900
 #: A course beyond this is no angle in radians.
 _LARGEST_IN_RADIANS = 6.5
-_UNITS = {"deg": "*pi/180", "rad": ""}
 
 
 class _Part(NamedTuple):
@@ -46,12 +46,12 @@ def ground_track_columns(
         return [], set()
     speed, course = found["speed"], found["course"]
     angle = course.unit or ("deg" if np.nanmax(np.abs(course.values)) > _LARGEST_IN_RADIANS else "rad")
-    if angle not in _UNITS:
-        return [], set()
+    factor = conversion(angle, "rad").factor
+    in_radians = "" if factor == 1.0 else "*pi/180" if np.isclose(factor, np.pi / 180.0) else f"*{factor:.12g}"
     parts, timed = {each.name: each.values for each in found.values()}, np.isfinite(time)
     columns = []
     for signal, function in (("velocity.north", "cos"), ("velocity.east", "sin")):
-        text = f"{quoted(speed.name)}*{function}({quoted(course.name)}{_UNITS[angle]})"
+        text = f"{quoted(speed.name)}*{function}({quoted(course.name)}{in_radians})"
         values = parse_column_expression(text).evaluate(parts)
         column = Column(
             table, f"{speed.name}, {course.name}", signal, values[timed], time[timed], speed.unit, 1.0, _DISTANCE

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -24,6 +25,8 @@ _BY_NAME = {
 _OF_TRACK = {word: part for part, words in _VOCABULARY["ground_track"].items() for word in words.split()}
 _SOURCES = frozenset(_VOCABULARY["sources"].split())
 _OTHERS = frozenset(_VOCABULARY["others"].split())
+#: Names that mean something else as well: lengths and widths, a capacity, a regime of flight.
+_NEEDS_UNIT = frozenset({"laenge", "breite", "cap", "regime"})
 _COMMANDS = frozenset({"cmd", "command", "commanded"})
 _UNIT_ENDINGS, _SAYS_UNIT = (
     {word: unit for unit, words in _VOCABULARY[key].items() for word in words.split()}
@@ -72,7 +75,7 @@ def guess_name(column: str, unit: str = "", table: str = "") -> NameGuess | None
             continue
         signal, sign, rank = found
         said = unit if is_unit(unit) else said or _SAYS_UNIT.get("_".join(tokens), "")
-        if (said and not _fits(said, signal)) or (not said and is_command(column)):
+        if (said and not _fits(said, signal)) or (not said and (is_command(column) or tokens[0] in _NEEDS_UNIT)):
             continue  # a command of -1 to 1 is no angle
         guess = NameGuess(signal, said, sign, 100 * cost + rank)
         if best is None or guess.distance < best.distance:
@@ -80,11 +83,23 @@ def guess_name(column: str, unit: str = "", table: str = "") -> NameGuess | None
     return best
 
 
+def in_company(column: str, columns: Iterable[str]) -> str:
+    """A name as it is meant beside others: in French ``v_est`` beside ``v_nord`` is to the east, and no estimate."""
+    words = _words(column)
+    if "est" not in words or not any("nord" in _words(other) for other in columns):
+        return column
+    return "_".join("ost" if word == "est" else word for word in words)
+
+
 def guess_ground_track(column: str, unit: str = "") -> tuple[str, str] | None:
     """Whether a name says speed or course over ground (``speed``, ``course``), and its unit; None for all others."""
     base, in_brackets = split_unit(column.strip().lstrip("#%").strip())
     unit = (unit or in_brackets).strip().strip("[](){}").strip()
-    for words, ending in _without_unit(_words(base)):
+    variants = _without_unit(_words(base))
+    endings = [ending for _, ending in variants if ending]
+    if endings and not any(dimension_fits(e, of) for e in endings for of in _UNIT_OF_TRACK.values()):
+        return None  # a distance along a track
+    for words, ending in variants:
         for tokens in (words, [word for word in words if word not in _SOURCES]):
             part = _OF_TRACK.get("_".join(tokens))
             said = unit if is_unit(unit) else ending

@@ -13,6 +13,7 @@ from aircraft_sysid_ros.recordings.tabular.guess.laws_of_one import CANDIDATES, 
 from aircraft_sysid_ros.recordings.tabular.guess.series import Array, Column, Fit
 from aircraft_sysid_ros.recordings.tabular.signals import UNITS, VECTORS
 from aircraft_sysid_ros.recordings.tabular.units import conversion
+from aircraft_sysid_ros.samples import share_below_zero
 
 _AXES, _RATES, _ATTITUDE = VECTORS["specific_force"], VECTORS["angular_velocity"], VECTORS["attitude"]
 _SURFACES = ("elevator", "aileron", "rudder", "flaps")
@@ -34,8 +35,6 @@ _JOINT = (
     (laws_of_several.lateral, "the kinematics of sideslip, yaw rate, bank and a_y"),
 )
 _PASSES = 6
-#: Share of an airspeed below zero that is no noise, and how far below, over the largest, may be noise.
-_BELOW_ZERO, _NOISE = 0.02, 0.25
 _SIZE = 0.7  # logarithm of what a slope may be off where a sign is taken from it
 
 
@@ -269,8 +268,7 @@ def _no_airspeeds(flight: Flight) -> None:
     """A column that is below zero is a component of the velocity, whatever its name."""
     for signal in _SPEEDS:
         column = flight.columns.get(signal)
-        values = _numbers(flight, signal) if column is not None else np.empty(0)
-        if column is not None and len(values) and np.mean(values < -_NOISE * np.max(np.abs(values))) > _BELOW_ZERO:
+        if column is not None and share_below_zero(_numbers(flight, signal)) > 0.0:
             column.doubt = "it is below zero in part: a component of the velocity?"
             column.unit = ""
 
