@@ -25,13 +25,10 @@ from aircraft_sysid_ros.errors import InputError, echo
 
 AXES: tuple[str, ...] = ("CX", "CY", "CZ", "Cl", "Cm", "Cn")
 FORCES, MOMENTS = AXES[:3], AXES[3:]
-AXIS_WORDS = dict(
-    zip(
-        AXES,
-        ("axial force", "side force", "normal force", "rolling moment", "pitching moment", "yawing moment"),
-        strict=True,
-    )
-)
+AXIS_WORDS = {
+    "CX": "axial force", "CY": "side force", "CZ": "normal force",
+    "Cl": "rolling moment", "Cm": "pitching moment", "Cn": "yawing moment",
+}  # fmt: skip
 #: Terms of one axis. No flight tells more of them apart.
 MOST_TERMS = 60
 #: Points at which a term is tried before any flight reads it: small and large values of all signals, of either sign.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from mmap import ACCESS_READ, mmap
 from pathlib import Path
 from typing import Any
 
@@ -48,7 +49,7 @@ def read_ulog(path: Path) -> LogContent:
     start, notes = _start(data)
     batches = [_batch(name, columns, start) for name, columns in data.items() if name in PX4]
     found = {item.name: len(item.data[TIMES[1]]) for item in items}
-    if not log.file_corruption and _breaks_off(path.read_bytes()):
+    if not log.file_corruption and _breaks_off(path):
         notes.append("the log breaks off in the middle of a message: what came before it was read")
     if log.file_corruption or len(items) < sum(item.multi_id == 0 for item in log.data_list):
         notes.append("the file is damaged in places: what could be read was")
@@ -58,12 +59,13 @@ def read_ulog(path: Path) -> LogContent:
     return LogContent("ULog (PX4)", batches, found, [*notes, NO_CHECKSUMS])
 
 
-def _breaks_off(content: bytes) -> bool:
+def _breaks_off(path: Path) -> bool:
     """Whether the last message of a ULog is longer than what is there of it: each begins with its size and its kind."""
     at = _FILE_HEADER
-    while at < len(content):
-        at += _MESSAGE_HEADER + int.from_bytes(content[at : at + 2], "little")
-    return at != len(content)
+    with path.open("rb") as file, mmap(file.fileno(), 0, access=ACCESS_READ) as content:
+        while at < len(content):
+            at += _MESSAGE_HEADER + int.from_bytes(content[at : at + 2], "little")
+        return at != len(content)
 
 
 def _start(data: dict[str, dict[str, npt.NDArray[Any]]]) -> tuple[int, list[str]]:

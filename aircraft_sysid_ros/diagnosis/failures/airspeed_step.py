@@ -40,7 +40,6 @@ class AirspeedStep(NamedTuple):
 
     ratio: float
     std: float
-    times: tuple[Times, ...]
 
 
 def airspeed_step(samples: Samples, times: Sequence[Times]) -> AirspeedStep | None:
@@ -67,7 +66,7 @@ def airspeed_step(samples: Samples, times: Sequence[Times]) -> AirspeedStep | No
         return None
     ratio, std = _step(velocity, read, inside, block)
     is_told = POSSIBLE[0] < ratio < POSSIBLE[1] and abs(np.log(ratio)) > max(LEAST, SURE * std)
-    return AirspeedStep(ratio, ratio * std, tuple(times)) if is_told else None
+    return AirspeedStep(ratio, ratio * std) if is_told else None
 
 
 def _turned(velocity: Array) -> float:

@@ -172,6 +172,7 @@ class FailureSearch:
         self.names = tuple(dict.fromkeys(name for r in relations.values() for name in r.acting))
         self._order = round(MEMORY / step)
         self._scores: dict[Hypothesis, float] = {}
+        self._best: dict[tuple[str, str], Judged] = {}
         self._floors = {axis: _MODEL_ERROR * float(np.std(r.response)) for axis, r in relations.items()}
         self.shortest = max(round(SHORTEST / step), LEAST_POINTS)
         self._every = max(self.count // _EDGES, 1)
@@ -253,6 +254,11 @@ class FailureSearch:
 
         The first pass needs a colour before it knows the interval: it is made with several, and with that of the best.
         """
+        if (name, kind) not in self._best:
+            self._best[name, kind] = self._searched(name, kind)
+        return self._best[name, kind]
+
+    def _searched(self, name: str, kind: str) -> Judged:
         axes = self.axes_of(name)
         colours = [{axis: np.array(colour) for axis in axes} for colour in _COLOURS]
         tried = [*colours, {axis: self.base[axis].filtering for axis in axes}]

@@ -7,8 +7,9 @@ its own best times, and when what is left of the input's effect in the interval 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from itertools import chain
 from typing import NamedTuple
 
 import numpy as np
@@ -189,13 +190,14 @@ def _searched(job: _Job) -> _Searched:
     tried, constant = _frozen(form.search, name), form.search.best(name, CONSTANT)
     part = None if name == ENGINE else _weakened(form, name, max(tried.score, constant.score))
     failure, unlike = part, None
-    for judged in () if part else (tried, *_deaf(form, tried)):
-        sure = None if failure else _of_input(form, judged)
-        if sure is not None:
-            failed = described(form.balance, form.search, sure)
-            failure = named(failed, sure, constant)
-            if failure is None and name != ENGINE and is_long_enough(failed):
-                unlike = failed
+    for judged in () if part else chain((tried,), _deaf(form, tried)):
+        if (sure := _of_input(form, judged)) is None:
+            continue
+        failed = described(form.balance, form.search, sure)
+        if (failure := named(failed, sure, constant)) is not None:
+            break
+        if name != ENGINE and is_long_enough(failed):
+            unlike = failed
     if failure is None and name == ENGINE:
         failure = _cut(form.balance)
     evidence = tried.evidence if part is None else part.evidence
@@ -203,13 +205,13 @@ def _searched(job: _Job) -> _Searched:
     return _Searched(evidence, max(tried.score, base), constant, failure, unlike, _is_shown(form.search, name))
 
 
-def _deaf(form: _Form, tried: Judged) -> list[Judged]:
+def _deaf(form: _Form, tried: Judged) -> Iterator[Judged]:
     """That an engine no longer follows its throttle, where ``tried`` is that it makes nothing and explains less.
 
     Times in which it was told to make little are left out: throttled back it does not show whether it follows.
     """
     if tried.hypothesis.name != ENGINE or tried.hypothesis.kind != NIL:
-        return []
+        return
     search = form.search
     best = search.best(ENGINE, FROZEN)
     (axis,) = search.axes_of(ENGINE)
@@ -218,10 +220,11 @@ def _deaf(form: _Form, tried: Judged) -> list[Judged]:
     least = ASKED * float(np.average(values, weights=np.clip(1.0 - share, 1e-6, 1.0)))
     asked = [span for span in best.hypothesis.spans if np.mean(values[round(span[0]) : round(span[1])]) > least]
     if not asked:
-        return []
+        return
     (begin, end), *again = asked
     best = search.judged(replace(best.hypothesis, begin=begin, end=end, again=tuple(again)))
-    return [best] if best.score > tried.score else []
+    if best.score > tried.score:
+        yield best
 
 
 def _is_shown(search: FailureSearch, name: str) -> bool:

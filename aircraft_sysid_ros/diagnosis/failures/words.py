@@ -62,16 +62,17 @@ def effect_of(failure: Failure) -> str:
     return DAMAGED if failure.kind == PART else STUCK
 
 
-def span_of(failure: Episode | AirspeedStep) -> str:
+def span_of(failure: Episode) -> str:
     """From when to when, with what it may be off."""
     return listed([_from_to(times) for times in failure.times])
 
 
-def sentence_of_airspeed(step: AirspeedStep) -> str:
-    """One sentence that a pilot understands."""
+def sentence_of_airspeed(step: AirspeedStep, change: Episode) -> str:
+    """One sentence that a pilot understands; ``change``: of the moments, at the same times."""
     return (
         f"By GPS and a steady wind the airspeed reads {step.ratio:.3f} ± {step.std:.3f} of what it reads otherwise "
-        f"{span_of(step)}: moments that are worked out with it change there, and none is named; look at the pitot tube."
+        f"{span_of(change)}: moments that are worked out with it change there, and none is named; look at the pitot "
+        "tube."
     )
 
 
@@ -191,13 +192,13 @@ def change_json(change: UnrecordedChange, report: FailureReport) -> dict[str, An
     }
 
 
-def _of_airspeed(step: AirspeedStep) -> dict[str, Any]:
+def _of_airspeed(step: AirspeedStep, change: Episode) -> dict[str, Any]:
     """What is otherwise of a change of moments that the airspeed makes: no term of the model stands for it."""
     effect = BY_ID["airspeed_scale"]
     return {
         "effect": effect.identifier, "label": effect.identifier, "name": effect.name, "kind": MEASUREMENT,
         "physics": effect.physics, "manoeuvre": effect.manoeuvre, "expression": None, "terms": {}, "axes": [],
-        "confounded_with": [], "where": f"it reads {step.ratio:.3f} ± {step.std:.3f} of the rest {span_of(step)}",
+        "confounded_with": [], "where": f"it reads {step.ratio:.3f} ± {step.std:.3f} of the rest {span_of(change)}",
         "is_to_add": False,
     }  # fmt: skip
 
@@ -258,7 +259,7 @@ def candidates_of(report: FailureReport) -> Iterator[tuple[dict[str, Any], Episo
         yield candidate_json(failure, report), failure
     if report.changed is not None:
         said = change_json(report.changed, report)
-        yield {**said, **(_of_airspeed(report.airspeed) if report.airspeed else {})}, report.changed
+        yield {**said, **(_of_airspeed(report.airspeed, report.changed) if report.airspeed else {})}, report.changed
 
 
 def report_json(report: FailureReport, notes: list[str]) -> dict[str, Any]:
@@ -308,8 +309,8 @@ def _advice(report: FailureReport) -> Iterator[str]:
     for failure in report.found:
         yield sentence_of(failure)
         yield sure_of(failure)
-    if report.airspeed is not None:
-        yield sentence_of_airspeed(report.airspeed)
+    if report.changed is not None and report.airspeed is not None:
+        yield sentence_of_airspeed(report.airspeed, report.changed)
     elif report.changed is not None:
         yield sentence_of_change(report.changed)
         yield f"It is {_times_likelier(report.changed.evidence)} than that nothing changed."

@@ -32,22 +32,10 @@ _UNIT_ENDINGS, _SAYS_UNIT = (
     {word: unit for unit, words in _VOCABULARY[key].items() for word in words.split()}
     for key in ("unit_endings", "says_unit")
 )
-_LETTERS = str.maketrans(
-    {"α": "alpha", "β": "beta", "φ": "phi", "θ": "theta", "ψ": "psi", "ρ": "rho", "δ": "d"}
-    | {
-        "ä": "ae",
-        "ö": "oe",
-        "ü": "ue",
-        "Ä": "Ae",
-        "Ö": "Oe",
-        "Ü": "Ue",
-        "ß": "ss",
-        "é": "e",
-        "è": "e",
-        "ê": "e",
-        "à": "a",
-    }
-)
+_LETTERS = str.maketrans({
+    "α": "alpha", "β": "beta", "φ": "phi", "θ": "theta", "ψ": "psi", "ρ": "rho", "δ": "d",
+    "ä": "ae", "ö": "oe", "ü": "ue", "Ä": "Ae", "Ö": "Oe", "Ü": "Ue", "ß": "ss", "é": "e", "è": "e", "ê": "e", "à": "a",
+})  # fmt: skip
 _UNIT_OF_TRACK = {"speed": "m/s", "course": "rad"}
 _INDEX = re.compile(r"\[(\d)\](?=$|_)")
 _FIELD_OF_ROS = re.compile(r"^field\.|^_\.|^/")
@@ -65,8 +53,7 @@ class NameGuess:
 
 def guess_name(column: str, unit: str = "", table: str = "") -> NameGuess | None:
     """The signal of a column by its name and the unit of its header; None for what has no known name."""
-    base, in_brackets = split_unit(column.strip().lstrip("#%").strip())
-    unit = (unit or in_brackets).strip().strip("[](){}").strip()
+    base, unit = _without_brackets(column, unit)
     words = _words(base)
     best: NameGuess | None = None
     for tokens, said, cost in _readings(words):
@@ -93,8 +80,7 @@ def in_company(column: str, columns: Iterable[str]) -> str:
 
 def guess_ground_track(column: str, unit: str = "") -> tuple[str, str] | None:
     """Whether a name says speed or course over ground (``speed``, ``course``), and its unit; None for all others."""
-    base, in_brackets = split_unit(column.strip().lstrip("#%").strip())
-    unit = (unit or in_brackets).strip().strip("[](){}").strip()
+    base, unit = _without_brackets(column, unit)
     variants = _without_unit(_words(base))
     endings = [ending for _, ending in variants if ending]
     if endings and not any(dimension_fits(e, of) for e in endings for of in _UNIT_OF_TRACK.values()):
@@ -116,6 +102,12 @@ def is_command(column: str) -> bool:
 def is_of_another(column: str) -> bool:
     """Whether a name says that the column is no measurement: a demand, an error, a count, …"""
     return not _OTHERS.isdisjoint(_words(column))
+
+
+def _without_brackets(column: str, unit: str) -> tuple[str, str]:
+    """A name, and the unit of its header or in its brackets."""
+    base, in_brackets = split_unit(column.strip().lstrip("#%").strip())
+    return base, (unit or in_brackets).strip().strip("[](){}").strip()
 
 
 def _fits(unit: str, signal: str) -> bool:
