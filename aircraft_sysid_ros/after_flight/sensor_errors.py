@@ -9,7 +9,7 @@ scale in gusts, which stand for one.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -35,6 +35,14 @@ _IMU = {"accelerometer_bias": ACCELEROMETER_BIAS_STD, "gyro_bias": GYRO_BIAS_STD
 Row = dict[str, Any]
 
 
+class Offset(NamedTuple):
+    """Constant error of a vane [rad], its standard deviation, and what of that is the doubt in the attitude."""
+
+    value: float
+    std: float
+    of_attitude: float = 0.0
+
+
 def air_data_errors(aircraft: Aircraft, samples: Samples) -> dict[str, dict[str, float]]:
     """Value and standard deviation by the names of the filter; nothing of a flight in pieces or without airspeed."""
     if np.any(samples.kind == Kind.SEAM) or not np.any(samples.kind == Kind.AIRSPEED):
@@ -45,14 +53,16 @@ def air_data_errors(aircraft: Aircraft, samples: Samples) -> dict[str, dict[str,
     return estimator.air_data_errors
 
 
-def offset_of(known: Mapping[str, Mapping[str, float]], samples: Samples, name: str, kind: Kind) -> tuple[float, float]:
-    """Constant error [rad] of a vane and its standard deviation, of ``air_data_errors``.
+def offset_of(known: Mapping[str, Mapping[str, float]], samples: Samples, name: str, kind: Kind) -> Offset:
+    """Constant error of a vane, of ``air_data_errors``.
 
     At the median angle: what gusts feign as a scale they take off the constant.
     """
     shown = samples.values[samples.kind == kind, 0]
     usual = float(np.nanmedian(shown)) if np.isfinite(shown).any() else 0.0
-    return known[f"b_{name}"]["value"] + known[f"lambda_{name}"]["value"] * usual, known[f"b_{name}"]["std"]
+    constant = known[f"b_{name}"]
+    value = constant["value"] + known[f"lambda_{name}"]["value"] * usual
+    return Offset(value, constant["std"], constant.get("of_attitude", 0.0))
 
 
 def sensor_errors(aircraft: Aircraft, samples: Samples, state: Mapping[str, Any]) -> list[Row]:
@@ -73,7 +83,7 @@ def _of_air_data(known: Mapping[str, Mapping[str, float]], samples: Samples, cal
         is_told = scale["std"] < LEARNT * UNKNOWN_STD_OF[f"lambda_{name}"]
         yield _row(f"{sensor}.scale", gain, scale["std"] * gain**2, is_told and calm)
         if name != "V":
-            offset, std = offset_of(known, samples, name, kind)
+            offset, std, _ = offset_of(known, samples, name, kind)
             yield _row(f"{sensor}.offset", -offset, std, std < LEARNT * UNKNOWN_STD_OF[f"b_{name}"])
 
 

@@ -205,10 +205,17 @@ def with_start(x: Array, p: Array, rotation: Array, start: StartValues) -> tuple
     return x, 0.5 * (both + both.T)
 
 
-def error_table(x: Array, p: Array) -> dict[str, dict[str, float]]:
-    """Value and standard deviation by name, of a state (25,) and its covariance (24, 24)."""
+def error_table(x: Array, p: Array, pitch_doubt: float = 0.0) -> dict[str, dict[str, float]]:
+    """Value and standard deviation by name, of a state (25,) and its covariance (24, 24).
+
+    pitch_doubt: what the pitch may be off in its mean [rad]. An angle of attack that is off is not told from that.
+    """
     std = np.sqrt(np.diag(p)[ERROR_SIZE:])
-    return {
+    table = {
         name: {"value": float(value), "std": float(sigma)}
         for name, value, sigma in zip(NAMES, x[STATE_SIZE:], std, strict=True)
     }
+    if pitch_doubt > 0.0:
+        of_alpha = table["b_alpha"]
+        of_alpha.update(std=float(np.hypot(of_alpha["std"], pitch_doubt)), of_attitude=pitch_doubt)
+    return table

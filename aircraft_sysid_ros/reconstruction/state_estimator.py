@@ -8,6 +8,7 @@ from typing import Any, NamedTuple, Protocol, cast
 import numpy as np
 import numpy.typing as npt
 
+from aircraft_sysid_ros.aircraft.atmosphere import STANDARD_GRAVITY
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
 from aircraft_sysid_ros.aircraft.earth import Odometer
 from aircraft_sysid_ros.aircraft.frames import rotation_matrix
@@ -34,6 +35,7 @@ from aircraft_sysid_ros.reconstruction.gps_wait import GpsWait
 from aircraft_sysid_ros.reconstruction.options import StateOptions
 from aircraft_sysid_ros.reconstruction.ordering import NANOSECONDS, Released, TimeOrder
 from aircraft_sysid_ros.reconstruction.sample_loop import DIVERGED, RUNNING, run
+from aircraft_sysid_ros.reconstruction.sensor_noise import mean_tilt_error
 from aircraft_sysid_ros.reconstruction.smoother_history import STEP_WIDTH, SmootherHistory
 from aircraft_sysid_ros.reconstruction.state import (
     ATTITUDE,
@@ -327,8 +329,20 @@ class StateEstimator:
 
     @property
     def air_data_errors(self) -> dict[str, dict[str, float]]:
-        """Newest value and standard deviation of the errors of the air data by name; empty if they are no states."""
-        return error_table(self._x, self._p) if len(self._x) > STATE_SIZE else {}
+        """Newest value and standard deviation of the errors of the air data by name; empty if they are no states.
+
+        That of the angle of attack holds what the attitude may be off in its mean, and ``of_attitude`` says how much:
+        the same angle with the other sign would explain as much.
+        """
+        return error_table(self._x, self._p, self.tilt_doubt[1]) if len(self._x) > STATE_SIZE else {}
+
+    @property
+    def tilt_doubt(self) -> tuple[float, float]:
+        """What roll and pitch may be off in the mean of a flight [rad], by an attitude whose noise is not stated."""
+        if self.setup is None or self.setup.given[Kind.ATTITUDE] or not self.memory.fused[Kind.ATTITUDE]:
+            return 0.0, 0.0
+        roll, pitch = (mean_tilt_error(channel) for channel in self.memory.noise[Kind.ATTITUDE][:2])
+        return roll, pitch
 
     @property
     def sensors(self) -> list[Sensors]:
@@ -364,8 +378,10 @@ class StateEstimator:
         known = self._aligned or self._has_biases
         sigma = np.sqrt(np.diag(self._p))
         wind, wind_std = self._wind_in_flight()
+        of_bias = sigma[D_ACCELEROMETER_BIAS : D_ACCELEROMETER_BIAS + 3]
+        of_bias[:2] = np.hypot(of_bias[:2], STANDARD_GRAVITY * np.array(self.tilt_doubt[::-1]))
         values = {
-            "accelerometer_bias": (self._x[10:13], sigma[D_ACCELEROMETER_BIAS : D_ACCELEROMETER_BIAS + 3]),
+            "accelerometer_bias": (self._x[10:13], of_bias),
             "gyro_bias": (self._x[13:16], sigma[D_GYRO_BIAS : D_GYRO_BIAS + 3]),
             "wind_ned": (wind, wind_std),
         }

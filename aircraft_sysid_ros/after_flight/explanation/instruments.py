@@ -17,12 +17,10 @@ from typing import Any
 
 import numpy as np
 
-from aircraft_sysid_ros.after_flight.sensor_errors import air_data_errors, offset_of
+from aircraft_sysid_ros.after_flight.sensor_errors import Offset, air_data_errors, offset_of
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
 from aircraft_sysid_ros.effects.effect import with_setting
 from aircraft_sysid_ros.samples import Kind, Samples
-
-Offset = tuple[float, float]  # [rad], with its standard deviation
 
 _DEGREES = 180.0 / np.pi
 #: How far ahead vanes may be, over the span, where nobody says it: nose booms of jets.
@@ -30,8 +28,9 @@ LONGEST_BOOM = 0.6
 #: An angle's scale that no vane has: where the filter finds that much, it is gusts that it has found, and a constant
 #: beside it is theirs.
 MOST_SCALE = 0.5
-#: An error is said where it is so many standard deviations from none (the filter takes gusts for noise) ...
-SIGMA = 8.0
+#: An error is said where it is so many standard deviations from none (the filter takes gusts for noise), so many of
+#: what the attitude may be off in its mean, which no gust makes smaller than it is ...
+SIGMA, OF_ATTITUDE = 8.0, 3.0
 #: ... and this large: scales [1], angles [rad].
 LEAST_SCALE, LEAST_ANGLE = 0.04, 0.012
 #: Sensors by the name of their errors: scale and constant.
@@ -80,14 +79,14 @@ def instrument_errors(aircraft: Aircraft, samples: Samples, named: Collection[st
         if max(abs(errors[f"lambda_{name}"]["value"]) for errors in (known, ahead)) > MOST_SCALE:
             continue
         here, there = (offset_of(errors or known, samples, name, kind) for errors in (known, ahead))
-        offset, std = _wherever(here, there)
+        offset = _wherever(here, there)
         before, after = (offset_of(errors or known, half, name, kind) for half, errors in halves)
-        moved = abs(after[0] - before[0])
-        if moved > max(SIGMA * np.hypot(before[1], after[1]), LEAST_ANGLE):
-            found.append((moved / std, _moved(signal, words, before, after)))
-        elif abs(offset) > max(SIGMA * std, LEAST_ANGLE):
-            doubt = float(np.hypot(std, 0.5 * (here[0] - there[0])))
-            found.append((abs(offset) / std, _offset(signal, words, offset, doubt)))
+        moved = abs(after.value - before.value)
+        if moved > max(_sure_from(before, after), LEAST_ANGLE):
+            found.append((moved / offset.std, _moved(signal, words, before, after)))
+        elif abs(offset.value) > max(_sure_from(offset), LEAST_ANGLE):
+            doubt = float(np.hypot(offset.std, 0.5 * (here.value - there.value)))
+            found.append((abs(offset.value) / offset.std, _offset(signal, words, offset.value, doubt)))
     return [error for _, error in sorted(found, key=lambda pair: -pair[0])]
 
 
@@ -102,7 +101,15 @@ def _ahead(aircraft: Aircraft) -> Aircraft:
 
 def _wherever(here: Offset, ahead: Offset) -> Offset:
     """What is off wherever the vanes are: the less of both, 0 where it depends on it which way."""
-    return min(here, ahead, key=lambda offset: abs(offset[0])) if here[0] * ahead[0] > 0.0 else (0.0, here[1])
+    if not here.value * ahead.value > 0.0:
+        return here._replace(value=0.0)
+    return min(here, ahead, key=lambda offset: abs(offset.value))
+
+
+def _sure_from(*offsets: Offset) -> float:
+    """From where a constant, or the change from one to another, is sure [rad]."""
+    parts = ((SIGMA**2 * (std**2 - tilt**2) + (OF_ATTITUDE * tilt) ** 2) for _, std, tilt in offsets)
+    return float(np.sqrt(sum(parts)))
 
 
 def _halves(aircraft: Aircraft, samples: Samples) -> list[tuple[Samples, dict[str, dict[str, float]]]]:
@@ -130,10 +137,10 @@ def _offset(signal: str, words: str, value: float, std: float) -> InstrumentErro
 
 def _moved(signal: str, words: str, before: Offset, after: Offset) -> InstrumentError:
     """A constant that is another one in the second half of the flight; its number is the change."""
-    first, second = (f"{-_DEGREES * value:+.1f} ± {_DEGREES * std:.1f}°" for value, std in (before, after))
+    first, second = (f"{-_DEGREES * value:+.1f} ± {_DEGREES * std:.1f}°" for value, std, _ in (before, after))
     text = (
         f"{words} is wrong by {first} in the first half of the flight and by {second} in the second: it moves, so no "
         "zero is right for it; fasten it, and leave it out of this flight"
     )
-    change, spread = _DEGREES * (before[0] - after[0]), _DEGREES * float(np.hypot(before[1], after[1]))
+    change, spread = _DEGREES * (before.value - after.value), _DEGREES * float(np.hypot(before.std, after.std))
     return InstrumentError(signal, "offset that moves", change, spread, text)
