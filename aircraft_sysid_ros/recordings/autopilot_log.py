@@ -60,7 +60,9 @@ def import_content(content: LogContent, table: Table, mapping: ServoMapping | No
         raise InputError(f"nothing in it can be used: it holds {held[:300]}")
     missing = _missing(topics, readings, assembler, mapping)
     used = {_source_name(output.source) for output in outputs}
-    found = _found(content.found, table, used)
+    waits = missing.get("control_surfaces") == NO_SURFACES
+    waiting = {_source_name(reading.source) for reading in readings if waits and _moves(reading)}
+    found = _found(content.found, table, used, waiting)
     return ImportedLog(content.format, topics, missing, content.notes, found, content.manoeuvres)
 
 
@@ -98,13 +100,21 @@ def _source_name(source: str) -> str:
     return source.split(" ", maxsplit=1)[0].rstrip(",")
 
 
-def _found(found: Mapping[str, int], table: Table, used: set[str]) -> dict[str, dict[str, Any]]:
-    """By message: how many, and whether it was mapped, is known but not needed, or is unknown."""
-    states = {
-        name: "mapped" if name in used else "not needed: another source goes before it" if name in table else "unused"
-        for name in found
-    }
-    return {name: {"messages": count, "state": states[name]} for name, count in found.items()}
+def _moves(reading: Reading) -> bool:
+    return reading.quantity in (Quantity.PULSES, Quantity.COMMANDS)
+
+
+def _found(found: Mapping[str, int], table: Table, used: set[str], waiting: set[str]) -> dict[str, dict[str, Any]]:
+    """By message: how many, and whether it was mapped, waits for a calibration file, is not needed, or is unknown."""
+
+    def state(name: str) -> str:
+        if name in used:
+            return "mapped"
+        if name in waiting:
+            return "waits for a calibration file, which says what its outputs move"
+        return "not needed: another source goes before it" if name in table else "unused"
+
+    return {name: {"messages": count, "state": state(name)} for name, count in found.items()}
 
 
 def _missing(
@@ -124,7 +134,7 @@ def _missing(
             missing[name] = _why_no_flow(name, quantities, sources, mapping)
     surfaces = there.get("control_surfaces")
     if surfaces is None:
-        has_outputs = bool(quantities & {Quantity.PULSES, Quantity.COMMANDS})
+        has_outputs = any(map(_moves, readings))
         missing["control_surfaces"] = NO_SURFACES if has_outputs else "the log has no servo outputs"
         if INPUTS_TOPIC in there:
             missing["control_surfaces"] = "the calibration file names inputs alone, which are on /inputs"

@@ -146,6 +146,14 @@ def dataflash_rows():
     return rows
 
 
+def test_outputs_that_nobody_explains_wait_for_a_calibration(tmp_path):
+    log = tmp_path / "flight.bin"
+    log.write_bytes(dataflash(FORMATS, dataflash_rows()))
+    report, _ = run_import(log, tmp_path / "bag", None)
+    assert report["missing"]["control_surfaces"].endswith("give a calibration file (--calibration)")
+    assert report["found"]["RCOU"]["state"].startswith("waits for a calibration file")
+
+
 def test_dataflash(tmp_path, calibration):
     log = tmp_path / "flight.bin"
     log.write_bytes(dataflash(FORMATS, dataflash_rows()))
