@@ -6,15 +6,17 @@ import subprocess
 import sys
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
-from aircraft_sysid_ros.after_flight.replay_notes import flight_notes, place_notes
+from aircraft_sysid_ros.after_flight.replay_notes import air_data_notes, flight_notes, place_notes
 from aircraft_sysid_ros.aircraft.configuration import aircraft_from_dict
 from aircraft_sysid_ros.commands.main import main
 from aircraft_sysid_ros.recordings import mcap_records
 from aircraft_sysid_ros.recordings.storage import read_raw
 from aircraft_sysid_ros.recordings.writer import RecordingWriter
 from aircraft_sysid_ros.ros_messages.conversion import gps_velocity_fields
+from aircraft_sysid_ros.samples import WIDTH, Kind, Samples
 
 
 def command(*arguments):
@@ -144,3 +146,21 @@ def test_a_vane_that_contradicts_the_rest_may_sit_where_no_file_says(aircraft, s
     notes = flight_notes(state, SimpleNamespace(learning=SimpleNamespace(changes=changes, integrity=integrity)))
     assert any("set air_data_position" in note for note in notes) is bool(held and not says_where)
     assert len(notes) == bool(held) + bool(held and not says_where)
+
+
+def notes_of_air_data(vane_rows, rows=6000, rate=100.0):
+    """Of a recording whose air data have an airspeed in each row, and an angle of attack in some."""
+    stamp = (np.arange(rows) * 1e9 / rate).astype(np.int64)
+    parts = [(stamp, Kind.IMU), (stamp, Kind.AIRSPEED), (stamp[vane_rows], Kind.ANGLE_OF_ATTACK)]
+    count = sum(len(part) for part, _ in parts)
+    kind = np.concatenate([np.full(len(part), each) for part, each in parts])
+    samples = Samples(np.concatenate([part for part, _ in parts]), kind, np.ones((count, WIDTH)))
+    return air_data_notes(SimpleNamespace(samples=samples, topics={"air_data": rows}))
+
+
+def test_a_sensor_that_is_slower_and_jitters_lacks_nothing_and_one_that_loses_samples_does():
+    rng = np.random.default_rng(3)
+    jitters = 2 * np.arange(3000) + rng.integers(-1, 2, 3000).cumsum() % 2  # 10, 20 or 30 ms apart
+    assert notes_of_air_data(jitters) == []
+    loses = np.flatnonzero(rng.random(6000) > 0.4)
+    assert notes_of_air_data(loses) == [f"{100 - len(loses) / 60:.0f} % of the air data have no angle of attack"]
