@@ -5,7 +5,7 @@ moment that some input makes. With k for the airspeed that GPS and a wind w say,
 
     |v - w| = k V,    k = k1 outside and k2 inside of the times,
 
-is solved for w, k1 and k2 by least squares; standard errors take blocks of 20 s, in which gusts last, for independent.
+is solved for w, k1 and k2 by least squares.
 """
 
 from __future__ import annotations
@@ -17,6 +17,13 @@ import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.diagnosis.failures.episode import Times
+from aircraft_sysid_ros.flight_check.steady_wind import (
+    LEAST_DIFFERENCE,
+    Blocks,
+    block_sums,
+    blocks_of,
+    difference_of_courses,
+)
 from aircraft_sysid_ros.samples import Kind, Samples
 
 Array = npt.NDArray[np.float64]
@@ -24,15 +31,12 @@ Array = npt.NDArray[np.float64]
 #: ln of the ratio from which it is told, and its standard errors. In eleven flights of a stranger it was 0.03 and 2.9
 #: at most where the airspeed was as before, and 0.12 and 19 at least where it read 0.88 of that.
 LEAST, SURE = 0.05, 8.0
-#: Lowest and highest ratio that a tube may make; beyond, the wind was not told. And how much the courses must differ
-#: within the times or within the rest (1 less the length of the mean direction): what straight legs tell of a wind
-#: goes with the ratio.
-POSSIBLE, COURSES = (0.5, 1.6), 0.2
+#: Lowest and highest ratio that a tube may make; beyond, the wind was not told.
+POSSIBLE = (0.5, 1.6)
 #: Time [s] about a begin or an end that is left out, and share of the usual airspeed below which it does not fly.
 _BESIDE, _FLYING = 2.0, 0.5
-#: Blocks [s] that are independent, and how many of each kind are needed.
-_BLOCK, _FEWEST = 20.0, 2
-_STEPS = 20
+#: Blocks that are needed within the times and in the rest, and steps of least squares.
+_FEWEST, _STEPS = 2, 20
 
 
 class AirspeedStep(NamedTuple):
@@ -59,25 +63,17 @@ def airspeed_step(samples: Samples, times: Sequence[Times]) -> AirspeedStep | No
     known = (read > _FLYING * np.median(read)) & np.all(np.abs(time[:, None] - edges) > _BESIDE, axis=1)
     time, velocity, read = time[known], velocity[known], read[known]
     inside = np.any([(time > t.begin) & (time < (np.inf if t.end is None else t.end)) for t in times], axis=0)
-    block = np.asarray(time // _BLOCK, dtype=np.int64)
-    if min(len(np.unique(block[inside])), len(np.unique(block[~inside]))) < _FEWEST:
+    blocks, course = blocks_of(time), velocity[:, 0] + 1j * velocity[:, 1]
+    if min(len(np.unique(blocks[inside])), len(np.unique(blocks[~inside]))) < _FEWEST:
         return None
-    if max(_turned(velocity[inside]), _turned(velocity[~inside])) < COURSES:
+    if max(difference_of_courses(course[inside]), difference_of_courses(course[~inside])) < LEAST_DIFFERENCE:
         return None
-    ratio, std = _step(velocity, read, inside, block)
+    ratio, std = _step(velocity, read, inside, blocks)
     is_told = POSSIBLE[0] < ratio < POSSIBLE[1] and abs(np.log(ratio)) > max(LEAST, SURE * std)
     return AirspeedStep(ratio, ratio * std) if is_told else None
 
 
-def _turned(velocity: Array) -> float:
-    """How much courses differ: 0 straight ahead, 1 all round."""
-    course = np.arctan2(velocity[:, 1], velocity[:, 0])
-    return float(1.0 - abs(np.mean(np.exp(1j * course))))
-
-
-def _step(
-    velocity: Array, read: Array, inside: npt.NDArray[np.bool_], block: npt.NDArray[np.int64]
-) -> tuple[float, float]:
+def _step(velocity: Array, read: Array, inside: npt.NDArray[np.bool_], blocks: Blocks) -> tuple[float, float]:
     """k1 / k2, which is what is read inside over what is read outside, and the standard error of its logarithm."""
     found = np.array([0.0, 0.0, 1.0, 1.0])
     for _ in range(_STEPS):
@@ -87,7 +83,7 @@ def _step(
         slopes = np.column_stack([-through[:, :2] / speed[:, None], -read * ~inside, -read * inside])
         found = found - np.linalg.lstsq(slopes, left, rcond=None)[0]
     inverse = np.linalg.pinv(slopes.T @ slopes)
-    scores = np.array([slopes[block == b].T @ left[block == b] for b in np.unique(block)])
+    scores = block_sums(slopes * left[:, None], blocks)
     covariance = inverse @ scores.T @ scores @ inverse
     of_log = np.array([0.0, 0.0, 1.0 / found[2], -1.0 / found[3]])
     return float(found[2] / found[3]), float(np.sqrt(of_log @ covariance @ of_log))

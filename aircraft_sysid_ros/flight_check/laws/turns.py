@@ -13,6 +13,7 @@ from aircraft_sysid_ros.flight_check.grid import compare
 from aircraft_sysid_ros.flight_check.motion import Motion
 from aircraft_sysid_ros.flight_check.relation import Relation
 from aircraft_sysid_ros.flight_check.signals import ATTITUDE, GYRO, VELOCITY
+from aircraft_sysid_ros.flight_check.steady_wind import LEAST_DIFFERENCE, block_sums, blocks_of, difference_of_courses
 
 _LONG = 40.0
 #: A turn is coordinated only so much: the ratio tells a wrong unit and no scale.
@@ -53,9 +54,7 @@ def relations(motion: Motion) -> list[Relation]:
 #: A heading is off by so much [rad] and so many standard errors: of 22 logs of two strangers' simulators, with headings
 #: that are 0.3 to 2 degrees off, it was 2.4 degrees at most.
 _OFF, _SURE = np.radians(5.0), 5.0
-#: Blocks [s] that are independent, the fewest of them, and how much the courses must differ (1 less the length of the
-#: mean direction).
-_BLOCK, _FEWEST, _COURSES = 20.0, 4, 0.2
+_FEWEST = 4  # blocks
 #: A heading that differs from the course by more than wind and sideslip can, steadily [rad].
 _HEADING, _STEADY = np.radians(45.0), np.radians(35.0)
 
@@ -83,19 +82,19 @@ def heading_offset(motion: Motion) -> HeadingOffset | None:
 
     As complex numbers, north + i east, the velocity over ground is v = a u + w, where u is the velocity through the air
     by the heading as it is recorded: a = s exp(-i angle) with a scale s of the airspeed. Courses that differ tell a
-    from w. The standard error takes blocks of 20 s, in which gusts last, for independent.
+    from w. The standard error is by blocks (``steady_wind``).
     """
     through, ground = _through_the_air(motion), motion.velocity[:, 0] + 1j * motion.velocity[:, 1]
     known = np.isfinite(through) & np.isfinite(ground) & (np.abs(through) > 0.0)
     through, ground = through[known], ground[known]
-    block = np.asarray(motion.grid.time[known] // _BLOCK, dtype=np.int64)
-    if len(np.unique(block)) < _FEWEST or 1.0 - abs(np.mean(through / np.abs(through))) < _COURSES:
+    blocks = blocks_of(motion.grid.time[known])
+    if len(np.unique(blocks)) < _FEWEST or difference_of_courses(through) < LEAST_DIFFERENCE:
         return None
     centred = through - np.mean(through)
     size = float(np.sum(np.abs(centred) ** 2))
     a = np.vdot(centred, ground) / size
     left = ground - np.mean(ground) - a * centred
-    scores = np.array([np.vdot(centred[block == b], left[block == b]) for b in np.unique(block)])
+    scores = block_sums(centred.conj() * left, blocks)
     across = (scores * np.exp(-1j * np.angle(a))).imag
     return HeadingOffset(-float(np.angle(a)), float(np.sqrt(np.sum(across**2)) / size / abs(a)))
 
