@@ -8,6 +8,7 @@ from aircraft_sysid_ros.aircraft.frames import euler_from_quaternion
 from aircraft_sysid_ros.recordings.tabular.column_expression import parse_column_expression
 from aircraft_sysid_ros.recordings.tabular.guess.first_map import guess_map
 from aircraft_sysid_ros.recordings.tabular.guess.names import guess_ground_track, guess_name, in_company
+from aircraft_sysid_ros.simulation.calibration_flight import calibration_flight
 
 KNOT = 1852.0 / 3600.0
 
@@ -59,6 +60,25 @@ def test_velocities_that_have_names_go_before(flight, tmp_path):
     _, part, *_ = lines_of(flight, tmp_path, further)
     lines = [(line.column, line.active) for line in part.lines if line.signal == "velocity.north"]
     assert lines == [("vn_mps", True), ("gs_mps, track", False)]
+
+
+@pytest.mark.parametrize("unit", ["deg", "rad"])
+def test_a_heading_that_goes_on_through_north_is_an_angle(tmp_path, unit):
+    """Circles both ways, counted on."""
+    truth = calibration_flight().truth
+    rows = np.arange(0, len(truth.time), max(1, round(0.04 / np.median(np.diff(truth.time)))))
+    roll, pitch, yaw = np.unwrap([euler_from_quaternion(q) for q in truth.quaternion[rows]], axis=0).T
+    assert np.ptp(yaw) > 2.0 * np.pi
+    columns = {
+        **{f"a{axis}": truth.specific_force[rows, i] for i, axis in enumerate("xyz")},
+        **{axis: truth.rates[rows, i] for i, axis in enumerate("pqr")},
+        **{f"v{way[0]}": truth.velocity[rows, i] for i, way in enumerate(("north", "east", "down"))},
+        "roll": roll, "pitch": pitch, "yaw": np.degrees(yaw) if unit == "deg" else yaw,
+    }  # fmt: skip
+    layouts.write_rows(tmp_path / "flight.csv", ["time", *columns], [truth.time[rows], *columns.values()])
+    (part,) = guess_map(tmp_path / "flight.csv").parts
+    line = next(line for line in part.lines if line.signal == "attitude.yaw")
+    assert (line.unit, line.active, line.sign) == (unit, True, 1.0), line
 
 
 @pytest.mark.parametrize("alone", ["gs_kt", "track_deg"])

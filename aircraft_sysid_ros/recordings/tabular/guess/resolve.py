@@ -204,16 +204,29 @@ def _degrees(flight: Flight, signals: tuple[str, ...]) -> None:
     """Angles that no radians reach; the others of the same kind are then likely to be degrees, too."""
     limits = {"attitude.yaw": 6.4, "attitude.roll": 3.2, "attitude.pitch": 1.6, "angle_of_attack": 1.6, "sideslip": 1.6}
     for signal in signals:
-        if flight.has(signal) and not flight.columns[signal].doubt:
-            most = float(np.percentile(np.abs(_numbers(flight, signal)), 99.9))
-            if (
-                limits.get(signal, 1.75)
-                < most
-                <= (361.0 if signal == "attitude.yaw" else 181.0 if signal == "attitude.roll" else 95.0)
-            ):
-                _set_unit(flight.columns[signal], "deg", f"it goes up to {most:.3g}, too far for radians")
-            elif most > 400.0:
-                flight.columns[signal].doubt = f"it goes up to {most:.3g}, which is no angle"
+        if not flight.has(signal) or flight.columns[signal].doubt:
+            continue
+        column, most = flight.columns[signal], float(np.percentile(np.abs(_numbers(flight, signal)), 99.9))
+        if signal == "attitude.yaw" and most > limits[signal] and _counts_turns(column):
+            continue  # laws tell its unit
+        whole = 361.0 if signal == "attitude.yaw" else 181.0 if signal == "attitude.roll" else 95.0
+        if limits.get(signal, 1.75) < most <= whole:
+            _set_unit(column, "deg", f"it goes up to {most:.3g}, too far for radians")
+        elif most > 400.0:
+            column.doubt = f"it goes up to {most:.3g}, which is no angle"
+
+
+#: Most [rad] that a heading which counts its turns is taken to go: nine turns.
+_NINE_TURNS = 60.0
+
+
+def _counts_turns(yaw: Column) -> bool:
+    """Whether a heading goes on through north, in degrees or in radians: it goes beyond a turn, and never jumps."""
+    values = yaw.values[np.isfinite(yaw.values)]
+    spread, most = float(np.ptp(values)), float(np.max(np.abs(values)))
+    turn = 361.0 if spread > 361.0 else 6.4
+    goes_beyond = spread > turn and (turn > 6.4 or most < _NINE_TURNS)
+    return goes_beyond and bool(np.max(np.abs(np.diff(values))) < 0.25 * turn)
 
 
 def _degrees_per_second(flight: Flight) -> None:
