@@ -136,6 +136,23 @@ def test_an_altitude_in_whole_feet_that_stands_still_in_level_flight_keeps_its_r
     assert note.startswith("true_airspeed")
 
 
+def test_of_a_slow_vane_that_freezes_it_is_said_and_of_a_gap_of_the_log_it_is_not(tmp_path):
+    time = np.arange(0.0, 200.0, 0.02)
+    kept = (time < 150.0) | (time > 160.0)  # no rows at all
+    vane = np.repeat(np.random.default_rng(0).normal(0.05, 0.02, len(time) // 4), 4)
+    vane[(time > 60.0) & (time < 90.0)] = 0.07
+    columns = [time, vane, *np.random.default_rng(1).normal(size=(6, len(time)))]
+    layouts.write_rows(tmp_path / "x.csv", ["t", "aoa", "fx", "fy", "fz", "p", "q", "r"], [c[kept] for c in columns])
+    lines = ["angle_of_attack: {column: aoa, unit: rad}"]
+    for vector, names, unit in (("specific_force", "fx fy fz", "m/s^2"), ("angular_velocity", "p q r", "rad/s")):
+        parts = zip("xyz", names.split(), strict=True)
+        lines += [f"{vector}.{axis}: {{column: {column}, unit: {unit}}}" for axis, column in parts]
+    text = "tables: [{time: {column: t, unit: s}, signals: {" + ", ".join(lines) + "}}]"
+    report, *_ = imported(tmp_path / "x.csv", text, tmp_path)
+    (note,) = (note for note in report["notes"] if "stands still" in note)
+    assert note.startswith("angle_of_attack: its value stands still from 60.0 to 90.0 s: it is stuck there, or")
+
+
 @pytest.mark.parametrize("ends", [np.inf, 90.0])
 def test_a_temperature_in_tenths_of_a_degree_is_that_of_the_whole_flight(ends, tmp_path):
     """It stands still for minutes, or the thermometer dies: no reason for another air."""

@@ -33,6 +33,8 @@ _MAY_STAND_STILL = ("controls", "inputs", "mass", "air_temperature")
 _DAY = 86_400.0  # [s]
 _HELD_SHARE, _FEWEST_NEW = 0.45, 10  # fewer new ones are no sensor but a constant
 _LONGEST_HELD = 2.5  # times the usual number of rows, of nine in ten
+#: A slow sensor whose value stands still for so long [s], and for so many of its steps, is said to; and so many times.
+_STANDSTILL, _STANDSTILLS_OF_STEPS, _MOST_STANDSTILLS = 1.0, 10.0, 3
 _SLOWEST = 5.0 * NANOSECONDS  # usual time between new values: what is slower has been rounded off
 
 
@@ -242,7 +244,28 @@ def _settled(stream: Stream, notes: list[str]) -> Stream:
     notes.append(
         f"{stream.name}: {stream.count - new.count} of {stream.count} rows only repeat the one before and are left out"
     )
+    notes += [
+        f"{stream.name}: its value stands still from {begin:.1f} to {end:.1f} s: it is stuck there, or nothing came; "
+        "that time is a gap"
+        for begin, end in _standstills(stream, new)
+    ]
     return new
+
+
+def _standstills(stream: Stream, fresh: Stream) -> list[tuple[float, float]]:
+    """From where to where [s, from the first row on] rows only repeat for long, of ``fresh`` without repeats: the
+    longest, three at most. Where there are no rows at all is a gap of the log.
+    """
+    between = np.diff(fresh.stamp)
+    rows = np.diff(np.searchsorted(stream.stamp, fresh.stamp)) * stream.step  # time that rows fill
+    least = max(_STANDSTILL * NANOSECONDS, _STANDSTILLS_OF_STEPS * float(np.median(between)))
+    lasting = np.where(rows > 0.5 * between, between, 0)
+    longest = sorted(np.argsort(-lasting)[:_MOST_STANDSTILLS])
+    time = (fresh.stamp - stream.stamp[0]) * 1e-9
+    found = [(float(time[i]), float(time[i + 1])) for i in longest if lasting[i] > least]
+    fresh.forget()
+    stream.forget()
+    return found
 
 
 def _collect_table(source: Source, table_map: TableMap, colmap: ColumnMap, folder: Path, collected: Collected) -> None:
