@@ -60,9 +60,7 @@ def import_content(content: LogContent, table: Table, mapping: ServoMapping | No
         raise InputError(f"nothing in it can be used: it holds {held[:300]}")
     missing = _missing(topics, readings, assembler, mapping)
     used = {_source_name(output.source) for output in outputs}
-    waits = missing.get("control_surfaces") == NO_SURFACES
-    waiting = {_source_name(reading.source) for reading in readings if waits and _moves(reading)}
-    found = _found(content.found, table, used, waiting)
+    found = _found(content.found, table, readings, used, missing.get("control_surfaces") == NO_SURFACES)
     return ImportedLog(content.format, topics, missing, content.notes, found, content.manoeuvres)
 
 
@@ -104,15 +102,21 @@ def _moves(reading: Reading) -> bool:
     return reading.quantity in (Quantity.PULSES, Quantity.COMMANDS)
 
 
-def _found(found: Mapping[str, int], table: Table, used: set[str], waiting: set[str]) -> dict[str, dict[str, Any]]:
-    """By message: how many, and whether it was mapped, waits for a calibration file, is not needed, or is unknown."""
+def _found(
+    found: Mapping[str, int], table: Table, readings: Sequence[Reading], used: set[str], outputs_wait: bool
+) -> dict[str, dict[str, Any]]:
+    """By message: how many, and whether it was mapped or why not. ``outputs_wait``: for a calibration file."""
+    read = {_source_name(reading.source) for reading in readings}
+    waiting = {_source_name(reading.source) for reading in readings if outputs_wait and _moves(reading)}
 
     def state(name: str) -> str:
         if name in used:
             return "mapped"
+        if name not in table:
+            return "unused"
         if name in waiting:
             return "waits for a calibration file, which says what its outputs move"
-        return "not needed: another source goes before it" if name in table else "unused"
+        return "not needed: another source goes before it" if name in read else "nothing in it that is known"
 
     return {name: {"messages": count, "state": state(name)} for name, count in found.items()}
 

@@ -154,6 +154,15 @@ def test_outputs_that_nobody_explains_wait_for_a_calibration(tmp_path):
     assert report["found"]["RCOU"]["state"].startswith("waits for a calibration file")
 
 
+def test_a_message_with_other_fields_is_not_one_that_another_goes_before(tmp_path):
+    formats = {**FORMATS, "GPS": (FORMATS["GPS"][0], FORMATS["GPS"][1].replace("Lat", "La").replace("VZ", "V"))}
+    log = tmp_path / "flight.bin"
+    log.write_bytes(dataflash(formats, dataflash_rows()))
+    report, _ = run_import(log, tmp_path / "bag", None)
+    assert report["found"]["GPS"]["state"] == "nothing in it that is known"
+    assert report["missing"]["gps/fix"] == "the log has no message with a GPS position"
+
+
 def test_dataflash(tmp_path, calibration):
     log = tmp_path / "flight.bin"
     log.write_bytes(dataflash(FORMATS, dataflash_rows()))
