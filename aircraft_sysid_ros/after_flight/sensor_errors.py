@@ -9,17 +9,16 @@ scale in gusts, which stand for one.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
+from aircraft_sysid_ros.diagnosis.flight.constant_errors import air_data_errors, offset_of
 from aircraft_sysid_ros.diagnosis.flight.reconstruction import as_flown
 from aircraft_sysid_ros.reconstruction.absences import has_airspeed
 from aircraft_sysid_ros.reconstruction.air_data_errors import UNKNOWN_STD_OF
 from aircraft_sysid_ros.reconstruction.alignment import ACCELEROMETER_BIAS_STD, GYRO_BIAS_STD
-from aircraft_sysid_ros.reconstruction.options import StateOptions
-from aircraft_sysid_ros.reconstruction.state_estimator import StateEstimator
 from aircraft_sysid_ros.samples import Kind, Samples
 
 USE, HOLD = "USE", "HOLD"
@@ -33,36 +32,6 @@ _AIR_DATA = {
 }
 _IMU = {"accelerometer_bias": ACCELEROMETER_BIAS_STD, "gyro_bias": GYRO_BIAS_STD}
 Row = dict[str, Any]
-
-
-class Offset(NamedTuple):
-    """Constant error of a vane [rad], its standard deviation, and what of that is the doubt in the attitude."""
-
-    value: float
-    std: float
-    of_attitude: float = 0.0
-
-
-def air_data_errors(aircraft: Aircraft, samples: Samples) -> dict[str, dict[str, float]]:
-    """Value and standard deviation by the names of the filter; nothing of a flight in pieces or without airspeed."""
-    if np.any(samples.kind == Kind.SEAM) or not np.any(samples.kind == Kind.AIRSPEED):
-        return {}
-    estimator = StateEstimator(aircraft, StateOptions(air_data_errors=True))
-    estimator.push(samples)
-    estimator.flush()
-    return estimator.air_data_errors
-
-
-def offset_of(known: Mapping[str, Mapping[str, float]], samples: Samples, name: str, kind: Kind) -> Offset:
-    """Constant error of a vane, of ``air_data_errors``.
-
-    At the median angle: what gusts feign as a scale they take off the constant.
-    """
-    shown = samples.values[samples.kind == kind, 0]
-    usual = float(np.nanmedian(shown)) if np.isfinite(shown).any() else 0.0
-    constant = known[f"b_{name}"]
-    value = constant["value"] + known[f"lambda_{name}"]["value"] * usual
-    return Offset(value, constant["std"], constant.get("of_attitude", 0.0))
 
 
 def sensor_errors(aircraft: Aircraft, samples: Samples, state: Mapping[str, Any]) -> list[Row]:

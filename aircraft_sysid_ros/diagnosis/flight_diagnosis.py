@@ -23,6 +23,7 @@ from aircraft_sysid_ros.diagnosis.flight.reconstruction import Reconstruction, r
 from aircraft_sysid_ros.diagnosis.measurement.faults import jobs_of, measurement_faults, sharpened, try_setting
 from aircraft_sysid_ros.diagnosis.measurement.imu_place import setting_of_forces
 from aircraft_sysid_ros.diagnosis.measurement.late_controls import IMU_LAG, imu_explains
+from aircraft_sysid_ros.diagnosis.measurement.other_judge import is_found_by_states
 from aircraft_sysid_ros.diagnosis.measurement.setting import Setting, in_file, is_a_fault, is_small, setting_of
 from aircraft_sysid_ros.diagnosis.search.evaluator import CandidateEvaluator, new_terms
 from aircraft_sysid_ros.diagnosis.search.fit import held_out_error
@@ -169,14 +170,17 @@ def _beyond_chance(
     replicas: int,
     progress: Callable[[str, float], None],
 ) -> tuple[Aircraft, Reconstruction, bool, MeasurementFinding] | None:
-    """``with_best_setting`` without faults that replicas of the flight, whose sensors are right, feign as much, or that
-    places of the sensors explain which the file leaves out.
+    """``with_best_setting`` without faults that replicas of the flight, whose sensors are right, feign as much, that
+    places of the sensors explain which the file leaves out, or that the filter with these errors as states denies.
     """
     tried = len(measuring)
     while (corrected := with_best_setting(faults, aircraft, flight, calm, tried)) is not None:
         finding, chance = corrected[-1], 0.0
         accused = finding.matters and _accuses(finding, given, flight.samples)
-        if accused and not _needed_beside_places(finding.setting, given, aircraft, flight, calm, measuring):
+        if accused and not (
+            is_found_by_states(finding.setting, flight)
+            and _needed_beside_places(finding.setting, given, aircraft, flight, calm, measuring)
+        ):
             chance = 1.0
         elif accused:
             progress("look at the measurement in replicas", 0.0)
@@ -369,10 +373,14 @@ def _p_value(setting: Setting, tried: int) -> float:
 
 
 def _left_out_first(faults: Sequence[Setting], given: Aircraft, samples: Samples) -> list[Setting]:
-    """Settings, best first, before them those that are nearly as good and only say what the file leaves out."""
+    """Settings, best first, before them those that are nearly as good and only say what the file leaves out.
+
+    A place is not put before air data that are late and likelier: the one is taken for the other.
+    """
 
     def accuses(setting: Setting) -> bool:
         near = setting.evidence >= THRESHOLDS.left_out * faults[0].evidence
+        near = near and not (setting.is_of_probe_in_time and faults[0].is_of_probe_in_time)
         near = near or setting.gain >= faults[0].gain  # in gusts a place needs more to be believed
         return is_a_fault(setting, given, samples) or not near
 

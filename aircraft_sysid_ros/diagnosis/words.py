@@ -142,6 +142,7 @@ class FlightDiagnosis:
             "where": f"{setting.label}: {_of_sensors(setting)}",
             "how_large": "",
             "inner": {setting.effect.setting_number(setting.variant).name: setting.value},
+            "settings": {".".join(key): value for key, value in setting.values},
             "parameters": [],
             "found": finding.matters,
             "refused": "" if finding.matters else finding.why_no_fault,

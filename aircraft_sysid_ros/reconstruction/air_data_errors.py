@@ -208,7 +208,7 @@ def with_start(x: Array, p: Array, rotation: Array, start: StartValues) -> tuple
 def error_table(x: Array, p: Array, pitch_doubt: float = 0.0) -> dict[str, dict[str, float]]:
     """Value and standard deviation by name, of a state (25,) and its covariance (24, 24).
 
-    pitch_doubt: what the pitch may be off in its mean [rad]. An angle of attack that is off is not told from that.
+    pitch_doubt: what the angle of attack may be off by a pitch that is [rad].
     """
     std = np.sqrt(np.diag(p)[ERROR_SIZE:])
     table = {

@@ -22,13 +22,14 @@ from aircraft_sysid_ros.after_flight.explanation.explain import (
     _without_what_is_checked,
 )
 from aircraft_sysid_ros.after_flight.explanation.first_sentence import Evidence, Said, what_matters
-from aircraft_sysid_ros.after_flight.explanation.instruments import LONGEST_BOOM, instrument_errors
+from aircraft_sysid_ros.after_flight.explanation.instruments import LONGEST_BOOM, as_diagnosed, instrument_errors
 from aircraft_sysid_ros.after_flight.explanation.next_flight import next_flights
 from aircraft_sysid_ros.aircraft.configuration import aircraft_from_dict
 from aircraft_sysid_ros.commands import explain as explain_command
 from aircraft_sysid_ros.commands.explain import _mode_line
 from aircraft_sysid_ros.commands.main import main
 from aircraft_sysid_ros.diagnosis.compare import compare
+from aircraft_sysid_ros.diagnosis.flight.constant_errors import air_data_errors, offset_of
 from aircraft_sysid_ros.diagnosis.flight.reconstruction import reconstruct, settled_flight
 from aircraft_sysid_ros.diagnosis.words import headline
 from aircraft_sysid_ros.errors import InputError
@@ -41,6 +42,7 @@ from aircraft_sysid_ros.recordings.reader import read_recording
 from aircraft_sysid_ros.recordings.writer import RecordingWriter
 from aircraft_sysid_ros.ros_messages.conversion import TOPICS
 from aircraft_sysid_ros.samples import Kind
+from aircraft_sysid_ros.simulation.calibration_flight import calibration_flight
 from aircraft_sysid_ros.workbench import explain_page
 
 USED = {"used": (30, 32)}
@@ -490,6 +492,23 @@ def test_of_a_vane_that_nobody_has_placed_a_zero_is_off_wherever_it_is(monkeypat
     found = instrument_errors(bare, flight.samples)
     assert [error.value for error in found] == pytest.approx([np.degrees(-0.03)] * len(said))
     assert all(error.std > np.degrees(0.5 * (0.05 - ahead)) for error in found)
+
+
+def test_the_zero_of_a_vane_is_looked_for_with_the_lateness_that_a_diagnosis_found():
+    """In circles an aeroplane pitches all the time, and a vane that is 20 ms late is off by 0.8 deg."""
+    flown = calibration_flight(duration=200.0)
+    late = np.isin(flown.samples.kind, [Kind.AIRSPEED, Kind.ANGLE_OF_ATTACK, Kind.SIDESLIP])
+    stamp = flown.samples.stamp + np.where(late, 20_000_000, 0)
+    samples = replace(flown.samples, stamp=stamp)[np.argsort(stamp, kind="stable")]
+    named = {"sensors.air_data.delay": 0.02, "sensors.angle_of_attack.scale": 1.3, "sensors.control_surfaces.lag": 0.1}
+    counted = as_diagnosed(flown.aircraft, [{"settings": named}, {"effect": "stall"}])
+
+    def zero(aircraft, recorded):
+        return offset_of(air_data_errors(aircraft, recorded), recorded, "alpha", Kind.ANGLE_OF_ATTACK).value
+
+    truth = zero(flown.aircraft, flown.samples)
+    assert abs(zero(flown.aircraft, samples) - truth) > np.radians(0.4)
+    assert abs(zero(counted, samples) - truth) < np.radians(0.05)
 
 
 def test_what_the_check_has_of_a_signal_is_not_said_again_with_another_number():

@@ -10,8 +10,8 @@ from aircraft_sysid_ros.aircraft.configuration import aircraft_from_dict
 from aircraft_sysid_ros.diagnosis.flight import reconstruction
 from aircraft_sysid_ros.diagnosis.flight.reconstruction import Likelihood, fit_wind_noise, reconstruct_as_flown
 from aircraft_sysid_ros.diagnosis.flight_diagnosis import _accuses, _left_out_first, level_of
-from aircraft_sysid_ros.diagnosis.measurement import faults, late_controls
-from aircraft_sysid_ros.diagnosis.measurement.faults import jobs_of, sharpened, try_setting
+from aircraft_sysid_ros.diagnosis.measurement import faults, late_controls, other_judge
+from aircraft_sysid_ros.diagnosis.measurement.faults import jobs_of, likelier_first, sharpened, try_setting
 from aircraft_sysid_ros.diagnosis.measurement.setting import AIR_DATA_LAG, Setting, in_file, is_a_fault, is_small
 from aircraft_sysid_ros.diagnosis.words import MeasurementFinding
 from aircraft_sysid_ros.effects import BY_ID
@@ -214,6 +214,30 @@ def test_what_the_file_leaves_out_goes_before_a_fault_that_is_little_better(airc
     for evidence, gain, first in ((1.8, 36.0, "probe_offset"), (1.1, 22.0, "alpha_scale"), likelier):
         place = replace(setting_of(BY_ID["probe_offset"], 0.3), evidence=evidence, gain=gain)
         assert _left_out_first([fault, place], without, imu_at(100.0))[0].effect.identifier == first
+
+
+@pytest.mark.parametrize(("gain", "first"), [(239.0, "air_data_lag"), (390.0, "probe_offset")])
+def test_of_a_probe_ahead_and_late_air_data_the_likelier_goes_first(aircraft, gain, first):
+    """Stated or not. A stranger's vane was 20 ms late, which needs twice the gain; the place made a scale of it."""
+    late = replace(setting_of(BY_ID["air_data_lag"], 0.025), evidence=9.4, gain=376.0)
+    place = replace(setting_of(BY_ID["probe_offset"], 0.14), evidence=12.0, gain=gain)
+    other = replace(setting_of(BY_ID["beta_scale"], 0.8), evidence=10.0, gain=200.0)
+    ordered = likelier_first([place, other, late])
+    assert [each.effect.identifier for each in ordered][1] == "beta_scale" and ordered[0].effect.identifier == first
+    without = aircraft_from_dict({k: v for k, v in aircraft.source.items() if k != "air_data_position"})
+    assert _left_out_first(ordered, without, imu_at(100.0))[0].effect.identifier == first
+
+
+def test_a_scale_that_a_filter_with_the_errors_as_states_denies_is_none(aircraft, monkeypatch):
+    flight = SimpleNamespace(aircraft=aircraft, samples=imu_at(100.0))
+    found = {"lambda_alpha": {"value": 0.03, "std": 0.01}, "b_alpha": {"value": 0.0, "std": 0.01}}
+    monkeypatch.setattr(other_judge, "air_data_errors", lambda *_: found)
+    for scale, agrees in ((1.14, False), (0.96, True), (0.9, False)):
+        setting = replace(setting_of(BY_ID["alpha_scale"], scale), nominal=1.0)
+        assert other_judge.is_found_by_states(setting, flight) is agrees, scale
+    assert other_judge.is_found_by_states(setting_of(BY_ID["probe_offset"], 0.3), flight)
+    found.clear()  # a flight in pieces
+    assert other_judge.is_found_by_states(replace(setting_of(BY_ID["alpha_scale"], 1.14), nominal=1.0), flight)
 
 
 def test_calmer_air_is_looked_for_below_what_the_filter_found(aircraft, monkeypatch):

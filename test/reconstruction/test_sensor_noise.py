@@ -335,7 +335,7 @@ def test_a_vane_and_the_biases_are_known_no_better_than_the_tilt():
         state.push(drifting(samples, partial(gauss_markov, std=0.7, seed=seed)))
         state.flush()
         of_filter, with_tilt = error_table(*state.slow_states)["b_alpha"], state.air_data_errors["b_alpha"]
-        assert with_tilt["of_attitude"] == state.tilt_doubt[1] > np.deg2rad(0.2)
+        assert np.deg2rad(0.1) < with_tilt["of_attitude"] < state.tilt_doubt[1]
         alone.append(of_filter["value"] / of_filter["std"])  # the vane is sound
         said.append(with_tilt["value"] / with_tilt["std"])
         summary = state.summary()

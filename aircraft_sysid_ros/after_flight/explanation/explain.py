@@ -21,7 +21,7 @@ from aircraft_sysid_ros.after_flight.explanation.aeroplane import (
     known_modes,
 )
 from aircraft_sysid_ros.after_flight.explanation.first_sentence import Evidence, Said, what_matters
-from aircraft_sysid_ros.after_flight.explanation.instruments import InstrumentError, instrument_errors
+from aircraft_sysid_ros.after_flight.explanation.instruments import InstrumentError, as_diagnosed, instrument_errors
 from aircraft_sysid_ros.after_flight.explanation.next_flight import next_flights
 from aircraft_sysid_ros.after_flight.log_import import BAGS, import_log
 from aircraft_sysid_ros.after_flight.progress import Tell, nobody, part_of
@@ -245,8 +245,9 @@ def _judged(run: Path, options: ExplainOptions, tell: Tell) -> tuple[ComparedRun
 def _instruments(compared: ComparedRun | None, diagnosis: Mapping[str, Any] | None) -> list[InstrumentError]:
     if compared is None or compared.run.samples is None:
         return []
-    named = [str(c["effect"]) for c in diagnosis["candidates"] if c["found"]] if diagnosis else []
-    return instrument_errors(compared.run.root, compared.run.samples, named)
+    candidates = diagnosis["candidates"] if diagnosis else []
+    named = [str(c["effect"]) for c in candidates if c["found"]]
+    return instrument_errors(as_diagnosed(compared.run.root, candidates), compared.run.samples, named)
 
 
 def _learnt_in_flight(run: Path) -> tuple[dict[str, tuple[str, str]], dict[str, tuple[float, float]]]:

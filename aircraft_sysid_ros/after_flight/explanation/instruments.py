@@ -11,14 +11,16 @@ too. Where the aircraft file does not say where it is, an angle must be off wher
 
 from __future__ import annotations
 
-from collections.abc import Collection
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from aircraft_sysid_ros.after_flight.sensor_errors import Offset, air_data_errors, offset_of
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
+from aircraft_sysid_ros.aircraft.sensor_settings import CONTROLS
+from aircraft_sysid_ros.diagnosis.flight.constant_errors import Offset, air_data_errors, offset_of
+from aircraft_sysid_ros.diagnosis.measurement.setting import OF_WIND
 from aircraft_sysid_ros.effects.effect import with_setting
 from aircraft_sysid_ros.samples import Kind, Samples
 
@@ -55,6 +57,21 @@ class InstrumentError:
     def json(self) -> dict[str, Any]:
         """For ``explain --json``."""
         return {"signal": self.signal, "kind": self.kind, "value": self.value, "std": self.std, "sentence": self.words}
+
+
+def as_diagnosed(aircraft: Aircraft, candidates: Sequence[Mapping[str, Any]]) -> Aircraft:
+    """The aircraft with places and lateness of its sensors as a diagnosis counts with them, of its JSON.
+
+    A vane that is 20 ms late shows a constant of 0.8 deg in turns, where the aeroplane pitches all the time.
+    """
+    for candidate in candidates:
+        for name, value in candidate.get("settings", {}).items():
+            key = tuple(name.split("."))
+            if key[-1] not in OF_WIND and CONTROLS not in key:
+                aircraft = with_setting(aircraft, key, value)
+                unsaid = {place: std for place, std in aircraft.unsaid.items() if place != key}
+                aircraft = replace(aircraft, unsaid=unsaid)
+    return aircraft
 
 
 def instrument_errors(aircraft: Aircraft, samples: Samples, named: Collection[str] = ()) -> list[InstrumentError]:

@@ -72,7 +72,18 @@ def measurement_faults(
         progress(number / len(jobs))
         if setting.evidence > 1.0:
             found.append(setting)
-    return sorted(found, key=lambda s: -s.evidence)
+    return likelier_first(sorted(found, key=lambda s: -s.evidence))
+
+
+def likelier_first(faults: Sequence[Setting]) -> list[Setting]:
+    """The same, where a probe ahead and air data that are late change places so that the likelier goes first.
+
+    They explain alike, and the one that is taken leaves little of the other. But a short delay, as gusts feign, needs
+    a multiple of what a place needs, and a place that was taken for it makes a scale of a vane.
+    """
+    rivals = [number for number, each in enumerate(faults) if each.is_of_probe_in_time]
+    by_gain = iter(sorted((faults[number] for number in rivals), key=lambda s: -s.gain))
+    return [next(by_gain) if each.is_of_probe_in_time else each for each in faults]
 
 
 def jobs_of(flight: Reconstruction, library: Sequence[Effect], calm: bool) -> Iterator[Job]:

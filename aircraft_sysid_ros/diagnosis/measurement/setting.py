@@ -25,7 +25,7 @@ LONGEST = 120.0
 #: Sensors of the motion over ground, the attitude besides.
 OF_MOTION = {"imu": Kind.IMU, "gps": Kind.GPS_VELOCITY}
 #: Errors of the air data that feign a wind.
-_OF_WIND = ("scale", "offset", "drift")
+OF_WIND = ("scale", "offset", "drift")
 #: What makes a sensor, or what servos move, late.
 _LATE = ("delay", "lag")
 #: Where a probe ahead is, and how late air data are.
@@ -34,7 +34,7 @@ AHEAD, AIR_DATA_LAG = ("air_data_position", "x"), ("sensors", "air_data", "delay
 
 def feigns_wind(setting: tuple[str, ...]) -> bool:
     """Whether a setting is a scale, an offset or a drift of the air data."""
-    return setting[-1] in _OF_WIND and setting[1] in AIR_DATA
+    return setting[-1] in OF_WIND and setting[1] in AIR_DATA
 
 
 @dataclass(frozen=True)
@@ -50,6 +50,11 @@ class Setting:
     std: float  # of the value, from the curvature of the likelihood
     of_coefficients: bool = False  # forces and moments tell it, and not the likelihood of the sensors
     beside: tuple[tuple[tuple[str, ...], float], ...] = ()  # other settings that it moves, and where to
+
+    @property
+    def values(self) -> tuple[tuple[tuple[str, ...], float], ...]:
+        """It and what it moves: each key of the aircraft file with its value, as ``with_setting`` takes them."""
+        return (self.variant.setting, self.value), *self.beside
 
     @property
     def judges(self) -> str:
@@ -70,6 +75,12 @@ class Setting:
     def is_place(self) -> bool:
         """It is where a sensor sits."""
         return self.variant.setting[0].endswith("_position")
+
+    @property
+    def is_of_probe_in_time(self) -> bool:
+        """It makes the flow angles of a turning aeroplane early or late: a probe ahead, or air data that are late."""
+        key = self.variant.setting
+        return key == AHEAD or (key[-1] == "delay" and key[1] in ("air_data", *AIR_DATA))
 
     @property
     def of_motion(self) -> bool:
@@ -94,7 +105,7 @@ def setting_of(trial: Score, library: Sequence[Effect], aircraft: Aircraft, evid
 
 def in_file(setting: Setting, aircraft: Aircraft) -> Aircraft:
     """The aircraft file with a setting. Raises InputError where no file may hold it."""
-    for key, value in ((setting.variant.setting, setting.value), *setting.beside):
+    for key, value in setting.values:
         aircraft = with_setting(aircraft, key, value)
     return aircraft
 
