@@ -190,7 +190,8 @@ def thor_parameters() -> str:
     rows = []
     for p in load("real_flights")["thor"]["parameters"]:
         reference = "" if p["reference"] is None else f"{p['reference']:.4g}"
-        rows.append([p["name"], f"{p['value']:.3f}", f"{p['std']:.3f}", reference, p["status"], p["reason"]])
+        why = p["reason"].partition("on the ground since")[0].rstrip("; ")  # which is said of all
+        rows.append([p["name"], f"{p['value']:.3f}", f"{p['std']:.3f}", reference, p["status"], why])
     return table(["parameter", "estimate", "std. error", "reference", "status", "reason"], rows)
 
 
