@@ -222,11 +222,25 @@ def length_notes(pipeline: Pipeline, writer: RunWriter) -> list[str]:
         ]
     needed = f"compare and add, and diagnose of all but inputs that fail, need {least:g} s in all, so"
     if seconds >= least and not {Kind.ANGLE_OF_ATTACK, Kind.SIDESLIP} <= usable:
-        return [
-            f"wind and attitude tell the angles of flow for {judged:.0f} s of this flight only: {needed} {TELL_FLOW}"
-        ]
+        told = f"wind and attitude tell the angles of flow for {judged:.0f} s of this flight only"
+        return [f"{told}: {needed} {TELL_FLOW}{_shaken(pipeline)}"]
     learnt = f"{judged:.0f} of {seconds:.0f} s could be learnt from"
     return [f"{learnt}: {needed} record more or replay more manoeuvres together"]
+
+
+#: Noise of an accelerometer [m/s^2] that is vibration: 1.7 made a walk of the wind of 0.08 m/s/sqrt(s) one of 0.16.
+_SHAKES = 0.5
+
+
+def _shaken(pipeline: Pipeline) -> str:
+    """What hides the angles of flow as gusts do, where the IMU vibrates."""
+    found = {each.name: float(np.max(each.in_use)) for each in found_noise(pipeline.state)}
+    if not (noise := found.get("accelerometer", 0.0)) > _SHAKES:
+        return ""
+    return (
+        f"; the accelerometer shakes by {noise:.1f} m/s^2, which hides them as gusts do: mount it softly, or record "
+        "what a filter against vibration leaves of it"
+    )
 
 
 def rate_notes(stream: CoefficientStream) -> list[str]:

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
-from aircraft_sysid_ros.after_flight.replay_notes import mass_notes, thrust_notes
+from aircraft_sysid_ros.after_flight import replay_notes
+from aircraft_sysid_ros.after_flight.replay_notes import length_notes, mass_notes, thrust_notes
 from aircraft_sysid_ros.aircraft.aerodynamic_model import model_from_terms
 from aircraft_sysid_ros.samples import Kind, samples_of
 
@@ -40,3 +43,18 @@ def test_a_recorded_mass_that_is_not_the_file_s_is_told_with_the_inertia_that_st
 @pytest.mark.parametrize(("throttle", "thrust"), [(0.6, 4.0), (np.nan, np.nan), (0.0, np.nan)])
 def test_nothing_is_offered_where_thrust_is_measured_or_nothing_stands_for_it(throttle, thrust, aircraft):
     assert thrust_notes(controls(throttle, thrust), aircraft) == []
+
+
+@pytest.mark.parametrize(("noise", "shakes"), [(0.1, False), (1.65, True)])
+def test_an_imu_that_vibrates_is_named_where_angles_of_flow_are_not_told(noise, shakes, monkeypatch):
+    """It hid them as gusts do in a stranger's calm flight, and calmer air was advised."""
+    found = [
+        SimpleNamespace(name="gyro", in_use=np.array([3.0])),
+        SimpleNamespace(name="accelerometer", in_use=[noise]),
+    ]
+    monkeypatch.setattr(replay_notes, "found_noise", lambda state: found)
+    sensors = [SimpleNamespace(usable=frozenset({Kind.AIRSPEED, Kind.GPS_VELOCITY}))]
+    pipeline = SimpleNamespace(state=SimpleNamespace(flight_time=300.0, sensors=sensors))
+    (note,) = length_notes(pipeline, SimpleNamespace(point_times=np.arange(0.0, 9.0, 0.1)))
+    assert note.startswith("wind and attitude tell the angles of flow for 9 s of this flight only")
+    assert ("shakes by 1.7 m/s^2" in note or "shakes by 1.6 m/s^2" in note) is shakes
