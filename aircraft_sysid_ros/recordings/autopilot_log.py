@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from aircraft_sysid_ros.errors import InputError
-from aircraft_sysid_ros.mavlink.assembler import COMPUTED_ANGLES, Assembler, Output, merged
+from aircraft_sysid_ros.mavlink.assembler import ATTITUDE_TOPIC, COMPUTED_ANGLES, Assembler, Output, merged
 from aircraft_sysid_ros.mavlink.quantities import Batch, Quantity, Reading, Table, readings_of
 from aircraft_sysid_ros.mavlink.servo_mapping import ServoMapping
 from aircraft_sysid_ros.recordings.imported_log import ImportedLog, ImportedTopic
@@ -61,7 +61,19 @@ def import_content(content: LogContent, table: Table, mapping: ServoMapping | No
     missing = _missing(topics, readings, assembler, mapping)
     used = {_source_name(output.source) for output in outputs}
     found = _found(content.found, table, readings, used, missing.get("control_surfaces") == NO_SURFACES)
-    return ImportedLog(content.format, topics, missing, content.notes, found, content.manoeuvres)
+    notes = [*content.notes, *_attitude_note(topics, missing, mapping)]
+    return ImportedLog(content.format, topics, missing, notes, found, content.manoeuvres)
+
+
+def _attitude_note(topics: Sequence[ImportedTopic], missing: Mapping[str, str], mapping: ServoMapping) -> list[str]:
+    """That the autopilot's attitude is not used, where no vane is there and angles of flow rest on it."""
+    has_attitude = any(topic.topic == ATTITUDE_TOPIC for topic in topics)
+    if not has_attitude or mapping.attitude_std is not None or "angle_of_attack" not in missing:
+        return []
+    return [
+        "the autopilot's attitude is a reference and not used; without vanes it helps to tell the angles of flow: "
+        "`attitude: {std: 0.05}` [rad] in the calibration file (--calibration) gives it to the filter"
+    ]
 
 
 def assembled(readings: Sequence[Reading], table: Table, mapping: ServoMapping) -> tuple[list[Output], Assembler]:

@@ -152,6 +152,7 @@ def test_outputs_that_nobody_explains_wait_for_a_calibration(tmp_path):
     report, _ = run_import(log, tmp_path / "bag", None)
     assert report["missing"]["control_surfaces"].endswith("give a calibration file (--calibration)")
     assert report["found"]["RCOU"]["state"].startswith("waits for a calibration file")
+    assert any("attitude: {std: 0.05}" in note for note in report["notes"])
 
 
 def test_a_message_with_other_fields_is_not_one_that_another_goes_before(tmp_path):
