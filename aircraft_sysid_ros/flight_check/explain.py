@@ -178,7 +178,9 @@ def _ratio(fault: Fault) -> tuple[Finding, float]:
         return Finding((name,), "unit", ERROR, f"{text}: {remedy} {taken:.6g}"), 1.0 / taken
     kind, severity = ("unit", ERROR) if max(ratio, 1.0 / ratio) > 2.0 else ("scale", WARNING)
     first = _KELVIN_WORDS if name == "air_density" and _KELVIN[0] < ratio < _KELVIN[1] else ""
-    return Finding((name,), kind, severity, f"{text}: {first}calibrate it, or divide it by {ratio:.3f}"), ratio
+    flattened = name in GYRO and ratio > 1.0 and kind == "scale" and {relation.first, relation.second} & {*ATTITUDE}
+    last = ", unless the filter that made the attitude flattens it" if flattened else ""
+    return Finding((name,), kind, severity, f"{text}: {first}calibrate it, or divide it by {ratio:.3f}{last}"), ratio
 
 
 def _late(fault: Fault, flight: Flight) -> Finding:

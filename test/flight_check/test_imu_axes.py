@@ -65,3 +65,13 @@ def test_without_gps_the_gyros_alone_are_named(samples):
     sentences = [f.sentence for f in findings(turned[~of_gps])]
     assert any("the axes are exchanged" in text for text in sentences)
     assert not any("is turned" in text for text in sentences)
+
+
+@pytest.mark.parametrize(("factor", "blames_attitude"), [(1.09, True), (0.9, False)])
+def test_a_gyro_that_turns_more_than_the_attitude_may_be_right(samples, factor, blames_attitude):
+    """A complementary filter that leans on the accelerometers follows nine tenths of a quick roll."""
+    values, rows = samples.values.copy(), samples.kind == Kind.IMU
+    values[rows, 3] *= factor
+    (found,) = findings(Samples(samples.stamp, samples.kind, values))
+    assert found.kind == "scale" and found.signals == ("angular_velocity.x",)
+    assert found.sentence.endswith("the filter that made the attitude flattens it") is blames_attitude
