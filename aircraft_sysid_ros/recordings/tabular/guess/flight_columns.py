@@ -7,10 +7,9 @@ import numpy.typing as npt
 from scipy.ndimage import binary_dilation
 
 from aircraft_sysid_ros.aircraft.atmosphere import STANDARD_GRAVITY, altitude_at
-from aircraft_sysid_ros.recordings.tabular.guess.series import Array, Column, Fit, Grid, fit
+from aircraft_sysid_ros.recordings.tabular.guess.series import SPEEDS, Array, Column, Fit, Grid, fit
 
 G = STANDARD_GRAVITY
-SPEEDS = ("true_airspeed", "calibrated_airspeed", "indicated_airspeed")
 HEIGHTS = ("altitude", "pressure_altitude", "height_above_ground")
 GOOD, FAIR = 0.8, 0.55  # correlations
 SURE_T = 5.0  # t-values that are believed

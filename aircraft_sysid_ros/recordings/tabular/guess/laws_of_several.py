@@ -7,7 +7,6 @@ from collections.abc import Callable
 import numpy as np
 
 from aircraft_sysid_ros.recordings.tabular.guess.flight_columns import (
-    SPEEDS,
     SURE_T,
     Flight,
     G,
@@ -16,7 +15,7 @@ from aircraft_sysid_ros.recordings.tabular.guess.flight_columns import (
     turn_rate,
 )
 from aircraft_sysid_ros.recordings.tabular.guess.laws_of_one import is_of_size, unit_of_slope
-from aircraft_sysid_ros.recordings.tabular.guess.series import Array, Column, Fit, regress
+from aircraft_sysid_ros.recordings.tabular.guess.series import SPEEDS, Array, Column, Fit, regress
 
 _TRIM = 10.0  # [s] whose mean is the trim
 _MOST = 0.5  # of the points that must be left when it is taken off

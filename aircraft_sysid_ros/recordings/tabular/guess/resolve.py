@@ -8,21 +8,12 @@ from collections.abc import Iterator
 import numpy as np
 
 from aircraft_sysid_ros.recordings.tabular.guess import laws_of_air, laws_of_several
-from aircraft_sysid_ros.recordings.tabular.guess.flight_columns import FAIR, FASTEST, GOOD, SLOWEST, SURE_T, Flight, G
+from aircraft_sysid_ros.recordings.tabular.guess.flight_columns import FAIR, GOOD, SURE_T, Flight
 from aircraft_sysid_ros.recordings.tabular.guess.laws_of_one import CANDIDATES, is_of_size, references, unit_of_slope
-from aircraft_sysid_ros.recordings.tabular.guess.series import Array, Column, Fit
-from aircraft_sysid_ros.recordings.tabular.signals import UNITS, VECTORS
+from aircraft_sysid_ros.recordings.tabular.guess.magnitudes import ATTITUDE, RATES, SURFACES, by_values
+from aircraft_sysid_ros.recordings.tabular.guess.series import POSITIVE, SPEEDS, Column, Fit
 from aircraft_sysid_ros.recordings.tabular.units import conversion
-from aircraft_sysid_ros.samples import share_below_zero
 
-_AXES, _RATES, _ATTITUDE = VECTORS["specific_force"], VECTORS["angular_velocity"], VECTORS["attitude"]
-_SURFACES = ("elevator", "aileron", "rudder", "flaps")
-_SPEEDS = ("true_airspeed", "calibrated_airspeed", "indicated_airspeed")
-#: Quantities that are positive by what they are.
-_POSITIVE = (
-    *_SPEEDS, "latitude", "longitude", "altitude", "pressure_altitude", "height_above_ground", "static_pressure",
-    "dynamic_pressure", "air_temperature", "air_density", "throttle", "thrust", "propeller_speed", "mass",
-)  # fmt: skip
 #: Axes whose sign is everywhere the same, to fall back to where no law speaks.
 _CUSTOM = (
     "specific_force.x", "attitude.roll", "angular_velocity.x", "velocity.north", "velocity.east", "velocity.down",
@@ -50,7 +41,7 @@ def _resolved(columns: dict[str, Column]) -> Flight:
     for column in columns.values():
         _take_said(column)
     flight = Flight(columns, turns)
-    _by_values(flight)
+    by_values(flight)
     for stage in range(3):
         for _ in range(_PASSES):
             before = sum(column.is_known for column in columns.values())
@@ -84,157 +75,11 @@ def _turns(columns: dict[str, Column]) -> dict[str, float]:
     return turns
 
 
-def _set_unit(column: Column, unit: str, why: str) -> None:
-    if unit and not column.unit:
-        convert = conversion(unit, UNITS[column.signal])
-        column.unit, column.factor, column.shift = unit, convert.factor, convert.shift
-        column.evidence.append(f"{unit}: {why}")
-        if column.signal in _POSITIVE:
-            column.sign = 1.0
-
-
-def _set_sign(column: Column, sign: float, why: str) -> None:
-    if column.sign == 0.0:
-        column.sign = sign
-        column.evidence.append(f"{'positive' if sign > 0 else 'the other way'}: {why}")
-
-
 def _take_said(column: Column) -> None:
     if column.said_unit:
-        _set_unit(column, column.said_unit, "said by the header or the name")
-    if column.signal in _POSITIVE and column.unit:
+        column.take_unit(column.said_unit, "said by the header or the name")
+    if column.signal in POSITIVE and column.unit:
         column.sign = 1.0
-
-
-def _numbers(flight: Flight, signal: str) -> Array:
-    values = flight.columns[signal].values
-    return values[np.isfinite(values)]
-
-
-def _by_values(flight: Flight) -> None:
-    """What magnitudes alone show."""
-    for signal, column in flight.columns.items():
-        if not len(_numbers(flight, signal)):
-            column.doubt = "it holds no numbers"
-    _no_airspeeds(flight)
-    _gravity(flight)
-    for signal in ("latitude", "longitude"):
-        if flight.has(signal):
-            _place(flight.columns[signal], _numbers(flight, signal))
-    _place_in_radians(flight)
-    if flight.has("static_pressure"):
-        _pressure(flight.columns["static_pressure"], _numbers(flight, "static_pressure"))
-    if flight.has("air_density") and not flight.columns["air_density"].unit:
-        median = float(np.median(_numbers(flight, "air_density")))
-        if 0.3 < median < 1.5 or 0.0006 < median < 0.0029:
-            _set_unit(flight.columns["air_density"], "kg/m^3" if median > 0.1 else "slug/ft^3", f"it is {median:.3g}")
-    if flight.has("throttle") and not flight.columns["throttle"].unit:
-        most = float(np.max(_numbers(flight, "throttle")))
-        if 0.0 < most <= 1.1 or 3.0 < most <= 110.0:
-            _set_unit(flight.columns["throttle"], "1" if most <= 1.1 else "%", f"it goes up to {most:.3g}")
-    for signals in (_ATTITUDE, ("angle_of_attack", "sideslip"), _SURFACES):
-        _degrees(flight, signals)
-    _degrees_per_second(flight)
-
-
-def _gravity(flight: Flight) -> None:
-    """Specific force at rest or in trim is 1 g, against z."""
-    there = [signal for signal in _AXES if flight.has(signal) and len(_numbers(flight, signal))]
-    if not flight.has("specific_force.z") or "specific_force.z" not in there:
-        return
-    down = flight.columns["specific_force.z"]
-    median = float(np.median(_numbers(flight, "specific_force.z")))
-    size = abs(median)
-    fitting = [unit for unit in ("m/s^2", "g", "ft/s^2") if 0.8 < size * conversion(unit, "m/s^2").factor / G < 1.45]
-    for signal in there:
-        column = flight.columns[signal]
-        if not column.unit and fitting and not down.said_unit:
-            _set_unit(column, fitting[0], f"a_z reads {median:.3g} in trim, which is gravity")
-        elif not column.unit and down.said_unit:
-            _set_unit(column, down.said_unit, f"as {down.name}")
-    if down.unit and 0.6 < size * down.factor / G < 1.6:
-        _set_sign(
-            down, -float(np.sign(median)), f"it reads {median:.3g} {down.unit} in trim, and gravity is {-G:.3g} m/s^2"
-        )
-    else:
-        for signal in there:
-            column = flight.columns[signal]
-            column.doubt = f"{down.name} reads {median:.3g} in trim, which is not gravity: an acceleration without it?"
-            column.unit = ""
-
-
-def _place(column: Column, values: Array) -> None:
-    if column.unit:
-        return
-    most = float(np.max(np.abs(values)))
-    limit = 90.0 if column.signal == "latitude" else 180.0
-    if 1e6 < most < limit * 1.0001e7:
-        _set_unit(column, "1e-7 deg", f"it is {most:.6g}")
-    elif np.pi * (0.5 if limit < 100 else 1.0) < most <= limit:
-        _set_unit(column, "deg", f"it is {most:.5g}")
-
-
-def _place_in_radians(flight: Flight) -> None:
-    """Small numbers of latitude and longitude: in radians the aeroplane would fly, or in degrees it would."""
-    pair = [flight.columns.get("latitude"), flight.columns.get("longitude")]
-    if any(column is None or column.unit or column.doubt for column in pair):
-        return
-    north, east = (flight.grid.rate(flight.raw(column.signal), 2.0) for column in pair if column is not None)
-    east = east * np.cos(np.nanmedian(flight.raw("latitude")))
-    speeds = 6.371e6 * np.hypot(north, east)
-    if not np.isfinite(speeds).any():
-        return
-    speed = float(np.nanpercentile(speeds, 75))
-    for unit, factor in (("rad", 1.0), ("deg", np.pi / 180.0)):
-        if SLOWEST < speed * factor < FASTEST:
-            for column in pair:
-                if column is not None:
-                    _set_unit(column, unit, f"the aeroplane then moves at {speed * factor:.3g} m/s")
-            return
-
-
-def _pressure(column: Column, values: Array) -> None:
-    median = float(np.median(values))
-    fitting = [u for u in CANDIDATES["Pa"] if 68_000.0 < median * conversion(u, "Pa").factor < 106_000.0]
-    if not column.unit and len(fitting) == 1:
-        _set_unit(column, fitting[0], f"it is {median:.4g}, the air below 3000 m")
-
-
-def _degrees(flight: Flight, signals: tuple[str, ...]) -> None:
-    """Angles that no radians reach; the others of the same kind are then likely to be degrees, too."""
-    limits = {"attitude.yaw": 6.4, "attitude.roll": 3.2, "attitude.pitch": 1.6, "angle_of_attack": 1.6, "sideslip": 1.6}
-    for signal in signals:
-        if not flight.has(signal) or flight.columns[signal].doubt:
-            continue
-        column, most = flight.columns[signal], float(np.percentile(np.abs(_numbers(flight, signal)), 99.9))
-        if signal == "attitude.yaw" and most > limits[signal] and _counts_turns(column):
-            continue  # laws tell its unit
-        whole = 361.0 if signal == "attitude.yaw" else 181.0 if signal == "attitude.roll" else 95.0
-        if limits.get(signal, 1.75) < most <= whole:
-            _set_unit(column, "deg", f"it goes up to {most:.3g}, too far for radians")
-        elif most > 400.0:
-            column.doubt = f"it goes up to {most:.3g}, which is no angle"
-
-
-#: Most [rad] that a heading which counts its turns is taken to go: nine turns.
-_NINE_TURNS = 60.0
-
-
-def _counts_turns(yaw: Column) -> bool:
-    """Whether a heading goes on through north, in degrees or in radians: it goes beyond a turn, and never jumps."""
-    values = yaw.values[np.isfinite(yaw.values)]
-    spread, most = float(np.ptp(values)), float(np.max(np.abs(values)))
-    turn = 361.0 if spread > 361.0 else 6.4
-    goes_beyond = spread > turn and (turn > 6.4 or most < _NINE_TURNS)
-    return goes_beyond and bool(np.max(np.abs(np.diff(values))) < 0.25 * turn)
-
-
-def _degrees_per_second(flight: Flight) -> None:
-    there = [signal for signal in _RATES if flight.has(signal) and len(_numbers(flight, signal))]
-    most = max((float(np.percentile(np.abs(_numbers(flight, signal)), 99.0)) for signal in there), default=0.0)
-    if most > 15.0:
-        for signal in there:
-            _set_unit(flight.columns[signal], "deg/s", f"the rates go up to {most:.3g}, too fast for rad/s")
 
 
 def _by_laws(flight: Flight) -> None:
@@ -244,10 +89,10 @@ def _by_laws(flight: Flight) -> None:
         for law, found, tolerance in _followed(flight, signal):
             told = f"{law} follows it, correlation {found.correlation:.2f}, t = {abs(found.t):.0f}"
             if not column.unit:
-                _set_unit(column, unit_of_slope(found.slope, found.correlation, signal, tolerance), told)
+                column.take_unit(unit_of_slope(found.slope, found.correlation, signal, tolerance), told)
             if column.unit and np.isfinite(tolerance) and not is_of_size(found.slope, column, tolerance + 0.5):
                 continue
-            _set_sign(column, found.sign, told)
+            column.take_sign(found.sign, told)
             column.sure = column.sure and abs(found.correlation) > GOOD
             if signal == "attitude.yaw" and column.is_known:
                 _yaw_offset(flight, column)
@@ -277,17 +122,8 @@ def _yaw_offset(flight: Flight, column: Column) -> None:
         column.evidence.append(f"counted from another direction: the course over ground is {90 * quarter} deg off")
 
 
-def _no_airspeeds(flight: Flight) -> None:
-    """A column that is below zero is a component of the velocity, whatever its name."""
-    for signal in _SPEEDS:
-        column = flight.columns.get(signal)
-        if column is not None and share_below_zero(_numbers(flight, signal)) > 0.0:
-            column.doubt = "it is below zero in part: a component of the velocity?"
-            column.unit = ""
-
-
 def _speeds(flight: Flight) -> None:
-    for signal in _SPEEDS:
+    for signal in SPEEDS:
         column = flight.columns.get(signal)
         if column is None or column.unit or column.doubt:
             continue
@@ -299,20 +135,18 @@ def _speeds(flight: Flight) -> None:
         triangle = laws_of_air.wind_triangle(flight, signal)
         if triangle is not None and triangle[1] > 0.9:
             told = f"with a steady wind it gives the velocity over ground, correlation {triangle[1]:.2f}"
-            _set_unit(column, unit_of_slope(triangle[0] / stretch, 1.0, signal, 0.045 + loose), told)
+            column.take_unit(unit_of_slope(triangle[0] / stretch, 1.0, signal, 0.045 + loose), told)
         pressure = laws_of_air.speed_of_pressure(flight, signal) if not column.unit else None
         if pressure is not None and pressure.correlation > 0.9:
             told = f"the dynamic pressure follows it, correlation {pressure.correlation:.2f}"
-            _set_unit(
-                column, unit_of_slope(pressure.slope / stretch, pressure.correlation, signal, 0.045 + loose), told
-            )
+            column.take_unit(unit_of_slope(pressure.slope / stretch, pressure.correlation, signal, 0.045 + loose), told)
         along = laws_of_air.acceleration_along(flight, signal) if not column.unit else None
         if along is not None and along.correlation > 0.9:
             told = f"the acceleration along the path follows it, correlation {along.correlation:.2f}"
-            _set_unit(column, unit_of_slope(along.slope / stretch, along.correlation, signal, 0.05 + loose), told)
+            column.take_unit(unit_of_slope(along.slope / stretch, along.correlation, signal, 0.05 + loose), told)
         turn = laws_of_air.turn_speed(flight, signal) if not column.unit else None
         if turn is not None and turn > 0.0:
-            _set_unit(column, unit_of_slope(turn / stretch, 1.0, signal, 0.2), "bank and rate of turn give that speed")
+            column.take_unit(unit_of_slope(turn / stretch, 1.0, signal, 0.2), "bank and rate of turn give that speed")
             column.sure = False
             column.rough = turn
 
@@ -332,7 +166,7 @@ def _forward(flight: Flight) -> None:
     force = flight.columns.get("specific_force.x")
     if force is None or not found:
         return
-    speed = next((signal for signal in found if signal in (*_SPEEDS, "speed")), "")
+    speed = next((signal for signal in found if signal in (*SPEEDS, "speed")), "")
     for signal, told in (
         (speed, "a_x is the acceleration along the path and gravity"),
         ("gravity", "a_x follows gravity"),
@@ -341,7 +175,7 @@ def _forward(flight: Flight) -> None:
         column = flight.columns.get(signal)
         factor = 1.0 if column is None else column.factor  # NaN as long as its unit is not known
         if abs(t) > SURE_T and not abs(np.log(abs(slope) / factor)) > _SIZE:
-            _set_sign(force, float(np.sign(slope)), f"{told}, t = {abs(t):.0f}")
+            force.take_sign(float(np.sign(slope)), f"{told}, t = {abs(t):.0f}")
             if column is not None and not column.unit:
                 column.rough = abs(slope)
     if force.is_known and "attitude.pitch" in found:
@@ -358,9 +192,9 @@ def _climb_of_pitch(flight: Flight) -> None:
         told = f"V sin(theta) is the climb, correlation {found.correlation:.2f}"
         column, pitch = flight.columns[height], flight.columns["attitude.pitch"]
         if not column.unit and not column.doubt:
-            _set_unit(column, unit_of_slope(found.slope, found.correlation, height, 0.25), told)
+            column.take_unit(unit_of_slope(found.slope, found.correlation, height, 0.25), told)
         if not pitch.doubt:
-            _set_sign(pitch, found.sign, told)
+            pitch.take_sign(found.sign, told)
             pitch.sure = False
 
 
@@ -370,47 +204,46 @@ def _take_slope(flight: Flight, signal: str, slope: float, t: float, told: str, 
     if column.is_known or column.doubt or abs(t) < SURE_T:
         return
     if not column.unit:
-        _set_unit(column, unit_of_slope(slope, 1.0, signal, tolerance), told)
+        column.take_unit(unit_of_slope(slope, 1.0, signal, tolerance), told)
     if column.unit and is_of_size(slope, column, max(tolerance, _SIZE)):
-        _set_sign(column, float(np.sign(slope)), told)
+        column.take_sign(float(np.sign(slope)), told)
 
 
 def _likely_units(flight: Flight) -> None:
     """Units of those whose relatives are known: a recorder has one for all angles of a kind."""
     for signals, small in (
         (("velocity.north", "velocity.east"), 1e9),
-        (_ATTITUDE, 0.06),
-        (_RATES, 0.02),
+        (ATTITUDE, 0.06),
+        (RATES, 0.02),
         (("angle_of_attack", "sideslip"), 0.01),
-        (_SURFACES, 0.005),
+        (SURFACES, 0.005),
     ):
         there = [s for s in signals if flight.has(s) and not flight.columns[s].doubt]
         units = {flight.columns[s].unit for s in there if flight.columns[s].unit}
         open_ = [s for s in there if not flight.columns[s].unit]
         if not open_ or len(units) > 1:
             continue
-        spread = max(float(np.std(_numbers(flight, s))) for s in there)
+        spread = max(float(np.std(flight.columns[s].numbers)) for s in there)
         if units:
             for s in open_:
-                _set_unit(
-                    flight.columns[s],
+                flight.columns[s].take_unit(
                     next(iter(units)),
                     f"as its relatives are ({', '.join(x for x in there if x not in open_)})",
                 )
                 flight.columns[s].sure = False
-        elif small < spread < 0.7 and signals is not _RATES:
-            most = max(float(np.percentile(np.abs(_numbers(flight, s)), 99.9)) for s in there)
-            if signals is _SURFACES and most > 0.9:
+        elif small < spread < 0.7 and signals is not RATES:
+            most = max(float(np.percentile(np.abs(flight.columns[s].numbers), 99.9)) for s in there)
+            if signals is SURFACES and most > 0.9:
                 continue
             for s in open_:
-                _set_unit(
-                    flight.columns[s], "rad", f"it and its relatives stay below {most:.2g}, too little for degrees"
+                flight.columns[s].take_unit(
+                    "rad", f"it and its relatives stay below {most:.2g}, too little for degrees"
                 )
                 flight.columns[s].sure = False
-        elif signals is _RATES and small < spread < 0.5:
+        elif signals is RATES and small < spread < 0.5:
             for s in open_:
-                _set_unit(
-                    flight.columns[s], "rad/s", f"it and its relatives spread by {spread:.2g}, too little for deg/s"
+                flight.columns[s].take_unit(
+                    "rad/s", f"it and its relatives spread by {spread:.2g}, too little for deg/s"
                 )
                 flight.columns[s].sure = False
 
@@ -421,11 +254,11 @@ def _customs(flight: Flight) -> None:
         if column.doubt or column.sign or not column.unit:
             continue
         if signal in _CUSTOM:
-            _set_sign(column, column.custom, "by custom: nothing in the data tells")
+            column.take_sign(column.custom, "by custom: nothing in the data tells")
             column.sure = False
         elif signal == "flaps":
-            values = _numbers(flight, signal)
-            _set_sign(column, -1.0 if np.mean(values) < -0.01 * (np.ptp(values) + 1e-9) else 1.0, "flaps go down")
+            values = flight.columns[signal].numbers
+            column.take_sign(-1.0 if np.mean(values) < -0.01 * (np.ptp(values) + 1e-9) else 1.0, "flaps go down")
 
 
 def _controls(flight: Flight) -> None:
@@ -437,7 +270,7 @@ def _controls(flight: Flight) -> None:
         if abs(t) > SURE_T:
             moment = {"elevator": "pitching", "aileron": "rolling", "rudder": "yawing"}[signal]
             told = f"the {moment} moment follows it with t = {abs(t):.0f}; positive gives a negative one"
-            _set_sign(column, -float(np.sign(slope)), told)
+            column.take_sign(-float(np.sign(slope)), told)
 
 
 def _speed_and_pressure(flight: Flight) -> None:
@@ -451,7 +284,7 @@ def _speed_and_pressure(flight: Flight) -> None:
     found = laws_of_air.speed_and_pressure(flight, "true_airspeed")
     if found is not None:
         for column, unit in zip((speed, pressure), found, strict=True):
-            _set_unit(column, unit, f"only {found[0]} with {found[1]} fits to the density")
+            column.take_unit(unit, f"only {found[0]} with {found[1]} fits to the density")
 
 
 def _air(flight: Flight) -> None:
@@ -470,12 +303,12 @@ def _air(flight: Flight) -> None:
         )
         found = flight.fit(0.5 * density * speed**2, flight.raw("dynamic_pressure"))
         if found is not None and found.correlation > GOOD:
-            _set_unit(
-                column, unit_of_slope(found.slope, found.correlation, "dynamic_pressure", 0.15), "airspeed and density"
+            column.take_unit(
+                unit_of_slope(found.slope, found.correlation, "dynamic_pressure", 0.15), "airspeed and density"
             )
     column = flight.columns.get("air_temperature")
     if column is not None and not column.unit and not column.doubt:
-        median = float(np.median(_numbers(flight, "air_temperature")))
+        median = float(np.median(flight.columns["air_temperature"].numbers))
         by_law = laws_of_air.temperature_of_density(flight)
         expected = by_law or laws_of_air.standard_temperature(flight) or 285.0
         fitting = []
@@ -485,7 +318,7 @@ def _air(flight: Flight) -> None:
                 fitting.append(unit)
         if len(fitting) == 1:
             told = "density and pressure give" if by_law else "the standard atmosphere has"
-            _set_unit(column, fitting[0], f"it is {median:.3g}, and {told} {expected:.0f} K")
+            column.take_unit(fitting[0], f"it is {median:.3g}, and {told} {expected:.0f} K")
 
 
 def _check_said(flight: Flight) -> None:
@@ -508,7 +341,7 @@ def _check_signs(flight: Flight) -> None:
     against = {
         signal: law
         for signal, column in flight.columns.items()
-        if column.is_known and signal not in _POSITIVE
+        if column.is_known and signal not in POSITIVE
         for law, found, _ in _followed(flight, signal)
         if found.sign != column.sign
     }

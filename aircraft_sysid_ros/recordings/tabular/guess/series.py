@@ -8,11 +8,20 @@ import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import uniform_filter1d
 
+from aircraft_sysid_ros.recordings.tabular.signals import UNITS
+from aircraft_sysid_ros.recordings.tabular.units import conversion
+
 Array = npt.NDArray[np.float64]
 _LONGEST = 1800.0  # [s] of a flight that are looked at
 _FASTEST, _SLOWEST = 0.02, 0.2  # [s] steps of the grid
 _GAP = 1.0  # [s]
 _FEWEST_BLOCKS = 6  # of a flight, of which a spread is made
+SPEEDS = ("true_airspeed", "calibrated_airspeed", "indicated_airspeed")
+#: Quantities that are positive by what they are.
+POSITIVE = (
+    *SPEEDS, "latitude", "longitude", "altitude", "pressure_altitude", "height_above_ground", "static_pressure",
+    "dynamic_pressure", "air_temperature", "air_density", "throttle", "thrust", "propeller_speed", "mass",
+)  # fmt: skip
 
 
 @dataclass
@@ -42,6 +51,26 @@ class Column:
     def is_known(self) -> bool:
         """Whether unit and sign are."""
         return bool(self.unit) and self.sign != 0.0 and not self.doubt
+
+    @property
+    def numbers(self) -> Array:
+        """The finite ones of its values (m,)."""
+        return self.values[np.isfinite(self.values)]
+
+    def take_unit(self, unit: str, why: str) -> None:
+        """Its unit, where none was found before; "" is none."""
+        if unit and not self.unit:
+            convert = conversion(unit, UNITS[self.signal])
+            self.unit, self.factor, self.shift = unit, convert.factor, convert.shift
+            self.evidence.append(f"{unit}: {why}")
+            if self.signal in POSITIVE:
+                self.sign = 1.0
+
+    def take_sign(self, sign: float, why: str) -> None:
+        """Its sign, where none was found before."""
+        if self.sign == 0.0:
+            self.sign = sign
+            self.evidence.append(f"{'positive' if sign > 0 else 'the other way'}: {why}")
 
     def si(self, values: Array) -> Array:
         """Values of the column in SI, with the sign of the signal."""

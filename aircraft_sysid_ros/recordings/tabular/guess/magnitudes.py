@@ -1,0 +1,150 @@
+"""What magnitudes alone show of the units of columns, and of what they cannot be."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from aircraft_sysid_ros.recordings.tabular.guess.flight_columns import FASTEST, SLOWEST, Flight, G
+from aircraft_sysid_ros.recordings.tabular.guess.laws_of_one import CANDIDATES
+from aircraft_sysid_ros.recordings.tabular.guess.series import SPEEDS, Array, Column
+from aircraft_sysid_ros.recordings.tabular.signals import VECTORS
+from aircraft_sysid_ros.recordings.tabular.units import conversion
+from aircraft_sysid_ros.samples import share_below_zero
+
+AXES, RATES, ATTITUDE = VECTORS["specific_force"], VECTORS["angular_velocity"], VECTORS["attitude"]
+SURFACES = ("elevator", "aileron", "rudder", "flaps")
+
+
+def by_values(flight: Flight) -> None:
+    """What magnitudes alone show."""
+    for signal, column in flight.columns.items():
+        if not len(flight.columns[signal].numbers):
+            column.doubt = "it holds no numbers"
+    _no_airspeeds(flight)
+    _gravity(flight)
+    for signal in ("latitude", "longitude"):
+        if flight.has(signal):
+            _place(flight.columns[signal], flight.columns[signal].numbers)
+    _place_in_radians(flight)
+    if flight.has("static_pressure"):
+        _pressure(flight.columns["static_pressure"], flight.columns["static_pressure"].numbers)
+    if flight.has("air_density") and not flight.columns["air_density"].unit:
+        median = float(np.median(flight.columns["air_density"].numbers))
+        if 0.3 < median < 1.5 or 0.0006 < median < 0.0029:
+            flight.columns["air_density"].take_unit("kg/m^3" if median > 0.1 else "slug/ft^3", f"it is {median:.3g}")
+    if flight.has("throttle") and not flight.columns["throttle"].unit:
+        most = float(np.max(flight.columns["throttle"].numbers))
+        if 0.0 < most <= 1.1 or 3.0 < most <= 110.0:
+            flight.columns["throttle"].take_unit("1" if most <= 1.1 else "%", f"it goes up to {most:.3g}")
+    for signals in (ATTITUDE, ("angle_of_attack", "sideslip"), SURFACES):
+        _degrees(flight, signals)
+    _degrees_per_second(flight)
+
+
+def _no_airspeeds(flight: Flight) -> None:
+    """A column that is below zero is a component of the velocity, whatever its name."""
+    for signal in SPEEDS:
+        column = flight.columns.get(signal)
+        if column is not None and share_below_zero(column.numbers) > 0.0:
+            column.doubt = "it is below zero in part: a component of the velocity?"
+            column.unit = ""
+
+
+def _gravity(flight: Flight) -> None:
+    """Specific force at rest or in trim is 1 g, against z."""
+    there = [signal for signal in AXES if flight.has(signal) and len(flight.columns[signal].numbers)]
+    if not flight.has("specific_force.z") or "specific_force.z" not in there:
+        return
+    down = flight.columns["specific_force.z"]
+    median = float(np.median(down.numbers))
+    size = abs(median)
+    fitting = [unit for unit in ("m/s^2", "g", "ft/s^2") if 0.8 < size * conversion(unit, "m/s^2").factor / G < 1.45]
+    for signal in there:
+        column = flight.columns[signal]
+        if not column.unit and fitting and not down.said_unit:
+            column.take_unit(fitting[0], f"a_z reads {median:.3g} in trim, which is gravity")
+        elif not column.unit and down.said_unit:
+            column.take_unit(down.said_unit, f"as {down.name}")
+    if down.unit and 0.6 < size * down.factor / G < 1.6:
+        down.take_sign(
+            -float(np.sign(median)), f"it reads {median:.3g} {down.unit} in trim, and gravity is {-G:.3g} m/s^2"
+        )
+    else:
+        for signal in there:
+            column = flight.columns[signal]
+            column.doubt = f"{down.name} reads {median:.3g} in trim, which is not gravity: an acceleration without it?"
+            column.unit = ""
+
+
+def _place(column: Column, values: Array) -> None:
+    if column.unit:
+        return
+    most = float(np.max(np.abs(values)))
+    limit = 90.0 if column.signal == "latitude" else 180.0
+    if 1e6 < most < limit * 1.0001e7:
+        column.take_unit("1e-7 deg", f"it is {most:.6g}")
+    elif np.pi * (0.5 if limit < 100 else 1.0) < most <= limit:
+        column.take_unit("deg", f"it is {most:.5g}")
+
+
+def _place_in_radians(flight: Flight) -> None:
+    """Small numbers of latitude and longitude: in radians the aeroplane would fly, or in degrees it would."""
+    pair = [flight.columns.get("latitude"), flight.columns.get("longitude")]
+    if any(column is None or column.unit or column.doubt for column in pair):
+        return
+    north, east = (flight.grid.rate(flight.raw(column.signal), 2.0) for column in pair if column is not None)
+    east = east * np.cos(np.nanmedian(flight.raw("latitude")))
+    speeds = 6.371e6 * np.hypot(north, east)
+    if not np.isfinite(speeds).any():
+        return
+    speed = float(np.nanpercentile(speeds, 75))
+    for unit, factor in (("rad", 1.0), ("deg", np.pi / 180.0)):
+        if SLOWEST < speed * factor < FASTEST:
+            for column in pair:
+                if column is not None:
+                    column.take_unit(unit, f"the aeroplane then moves at {speed * factor:.3g} m/s")
+            return
+
+
+def _pressure(column: Column, values: Array) -> None:
+    median = float(np.median(values))
+    fitting = [u for u in CANDIDATES["Pa"] if 68_000.0 < median * conversion(u, "Pa").factor < 106_000.0]
+    if not column.unit and len(fitting) == 1:
+        column.take_unit(fitting[0], f"it is {median:.4g}, the air below 3000 m")
+
+
+def _degrees(flight: Flight, signals: tuple[str, ...]) -> None:
+    """Angles that no radians reach; the others of the same kind are then likely to be degrees, too."""
+    limits = {"attitude.yaw": 6.4, "attitude.roll": 3.2, "attitude.pitch": 1.6, "angle_of_attack": 1.6, "sideslip": 1.6}
+    for signal in signals:
+        if not flight.has(signal) or flight.columns[signal].doubt:
+            continue
+        column, most = flight.columns[signal], float(np.percentile(np.abs(flight.columns[signal].numbers), 99.9))
+        if signal == "attitude.yaw" and most > limits[signal] and _counts_turns(column):
+            continue  # laws tell its unit
+        whole = 361.0 if signal == "attitude.yaw" else 181.0 if signal == "attitude.roll" else 95.0
+        if limits.get(signal, 1.75) < most <= whole:
+            column.take_unit("deg", f"it goes up to {most:.3g}, too far for radians")
+        elif most > 400.0:
+            column.doubt = f"it goes up to {most:.3g}, which is no angle"
+
+
+#: Most [rad] that a heading which counts its turns is taken to go: nine turns.
+_NINE_TURNS = 60.0
+
+
+def _counts_turns(yaw: Column) -> bool:
+    """Whether a heading goes on through north, in degrees or in radians: it goes beyond a turn, and never jumps."""
+    values = yaw.values[np.isfinite(yaw.values)]
+    spread, most = float(np.ptp(values)), float(np.max(np.abs(values)))
+    turn = 361.0 if spread > 361.0 else 6.4
+    goes_beyond = spread > turn and (turn > 6.4 or most < _NINE_TURNS)
+    return goes_beyond and bool(np.max(np.abs(np.diff(values))) < 0.25 * turn)
+
+
+def _degrees_per_second(flight: Flight) -> None:
+    there = [signal for signal in RATES if flight.has(signal) and len(flight.columns[signal].numbers)]
+    most = max((float(np.percentile(np.abs(flight.columns[signal].numbers), 99.0)) for signal in there), default=0.0)
+    if most > 15.0:
+        for signal in there:
+            flight.columns[signal].take_unit("deg/s", f"the rates go up to {most:.3g}, too fast for rad/s")
