@@ -373,14 +373,10 @@ def _p_value(setting: Setting, tried: int) -> float:
 
 
 def _left_out_first(faults: Sequence[Setting], given: Aircraft, samples: Samples) -> list[Setting]:
-    """Settings, best first, before them those that are nearly as good and only say what the file leaves out.
-
-    A place is not put before air data that are late and likelier: the one is taken for the other.
-    """
+    """Settings, best first, before them those that are nearly as good and only say what the file leaves out."""
 
     def accuses(setting: Setting) -> bool:
         near = setting.evidence >= THRESHOLDS.left_out * faults[0].evidence
-        near = near and not (setting.is_of_probe_in_time and faults[0].is_of_probe_in_time)
         near = near or setting.gain >= faults[0].gain  # in gusts a place needs more to be believed
         return is_a_fault(setting, given, samples) or not near
 

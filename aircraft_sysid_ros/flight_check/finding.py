@@ -46,7 +46,8 @@ def short_names(signals: tuple[str, ...]) -> str:
 
 def joined(findings: Iterable[Finding]) -> list[Finding]:
     """Findings in order, those with the same sentence as one."""
-    together: dict[tuple[str, str, str], list[str]] = {}
+    together: dict[tuple[str, str, str, float], list[str]] = {}
     for finding in findings:
-        together.setdefault((finding.kind, finding.severity, finding.sentence), []).extend(finding.signals)
+        said = finding.kind, finding.severity, finding.sentence, finding.late
+        together.setdefault(said, []).extend(finding.signals)
     return [Finding(tuple(signals), *said) for said, signals in together.items()]

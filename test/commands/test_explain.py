@@ -20,6 +20,7 @@ from aircraft_sysid_ros.after_flight.explanation.explain import (
     _with_flight,
     _with_outputs,
     _without_what_is_checked,
+    with_gps_in_time,
 )
 from aircraft_sysid_ros.after_flight.explanation.first_sentence import Evidence, Said, what_matters
 from aircraft_sysid_ros.after_flight.explanation.instruments import LONGEST_BOOM, as_diagnosed, instrument_errors
@@ -492,6 +493,26 @@ def test_of_a_vane_that_nobody_has_placed_a_zero_is_off_wherever_it_is(monkeypat
     found = instrument_errors(bare, flight.samples)
     assert [error.value for error in found] == pytest.approx([np.degrees(-0.03)] * len(said))
     assert all(error.std > np.degrees(0.5 * (0.05 - ahead)) for error in found)
+
+
+@pytest.mark.parametrize(
+    ("late", "stated", "taken"), [(0.16, {}, True), (0.16, {"gps_velocity": {"delay": 0.1}}, False), (2.0, {}, False)]
+)
+def test_a_gps_that_is_late_is_taken_in_time_and_that_is_said(aircraft, late, stated, taken):
+    """A receiver is; a clock that is wrong by seconds, or that the file has, is told and left."""
+    velocity = Finding(("velocity.north", "velocity.east", "velocity.down"), "offset", "warning", "it comes late", late)
+    place = Finding(("latitude", "longitude", "altitude"), "offset", "warning", "it keeps time with it", late)
+    other = Finding(("attitude.roll",), "offset", "warning", "it comes late", 0.1)
+    checked = CheckedRecording("log", 100.0, Checked((velocity, place, other), {}, (), None, ()), ())
+    known = aircraft_from_dict({**aircraft.source, "sensors": {"gyro": {"noise": 0.01}, **stated}})
+    better, without, notes = with_gps_in_time(known, checked)
+    severities = [finding.severity for finding in without.checked.findings]
+    if not taken:
+        assert (better, without, notes) == (known, checked, [])
+        return
+    assert severities == ["info", "info", "warning"]
+    assert better.sensors["gps_velocity"].delay == better.sensors["gps_position"].delay == 0.16
+    assert "0.16 s late" in notes[0] and "`gps: {delay: 0.16}`" in notes[0]
 
 
 def test_the_zero_of_a_vane_is_looked_for_with_the_lateness_that_a_diagnosis_found():

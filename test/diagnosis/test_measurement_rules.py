@@ -218,14 +218,18 @@ def test_what_the_file_leaves_out_goes_before_a_fault_that_is_little_better(airc
 
 @pytest.mark.parametrize(("gain", "first"), [(239.0, "air_data_lag"), (390.0, "probe_offset")])
 def test_of_a_probe_ahead_and_late_air_data_the_likelier_goes_first(aircraft, gain, first):
-    """Stated or not. A stranger's vane was 20 ms late, which needs twice the gain; the place made a scale of it."""
+    """A stranger's vane was 20 ms late, which needs twice the gain; its place, which the file states, made a scale.
+
+    A place that the file leaves out goes before: a vane is somewhere, and may be late as well.
+    """
     late = replace(setting_of(BY_ID["air_data_lag"], 0.025), evidence=9.4, gain=376.0)
     place = replace(setting_of(BY_ID["probe_offset"], 0.14), evidence=12.0, gain=gain)
     other = replace(setting_of(BY_ID["beta_scale"], 0.8), evidence=10.0, gain=200.0)
     ordered = likelier_first([place, other, late])
     assert [each.effect.identifier for each in ordered][1] == "beta_scale" and ordered[0].effect.identifier == first
     without = aircraft_from_dict({k: v for k, v in aircraft.source.items() if k != "air_data_position"})
-    assert _left_out_first(ordered, without, imu_at(100.0))[0].effect.identifier == first
+    assert _left_out_first(ordered, aircraft, imu_at(100.0))[0].effect.identifier == first
+    assert _left_out_first(ordered, without, imu_at(100.0))[0].effect.identifier == "probe_offset"
 
 
 def test_a_scale_that_a_filter_with_the_errors_as_states_denies_is_none(aircraft, monkeypatch):

@@ -28,11 +28,12 @@ from aircraft_sysid_ros.after_flight.progress import Tell, nobody, part_of
 from aircraft_sysid_ros.after_flight.replay import ReplayOptions, replay
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.aircraft.configuration import Aircraft, load_aircraft
+from aircraft_sysid_ros.aircraft.sensor_settings import SENSOR_GROUPS, by_name
 from aircraft_sysid_ros.diagnosis.significance.parametric_bootstrap import COUNT
-from aircraft_sysid_ros.effects.effect import MEASUREMENT
+from aircraft_sysid_ros.effects.effect import MEASUREMENT, with_setting
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.flight_check.finding import ABSENT, ERROR, INFO, OF_SAMPLING, Finding, joined, short_names
-from aircraft_sysid_ros.flight_check.signals import COMMANDED
+from aircraft_sysid_ros.flight_check.signals import COMMANDED, GEODETIC, VELOCITY
 from aircraft_sysid_ros.reconstruction.options import StateOptions
 from aircraft_sysid_ros.recordings.autopilot_bag_import import is_autopilot_bag
 from aircraft_sysid_ros.recordings.autopilot_log import NO_SURFACES
@@ -41,6 +42,8 @@ from aircraft_sysid_ros.recordings.reader import read_recording
 from aircraft_sysid_ros.run_reader import AIRCRAFT, PARAMETERS, late_surfaces_of, read_parameters
 from aircraft_sysid_ros.text_file import put_in_place
 
+#: Delays [s] of a GPS that are taken off where the check has found them: longer ones are a clock that is wrong.
+_SHORTEST_DELAY, _LONGEST_DELAY = 0.03, 0.5
 #: An effect without which the error of its axis is larger by this factor spoils what else is said of its axes.
 _LARGE = 1.5
 RUN, RECORDING, PAGE = "run", "flight", "explain.html"
@@ -147,6 +150,8 @@ def _explained(
     if any(NO_SURFACES in note for note in notes):
         checked = _with_outputs(checked)
     notes += checked.notes
+    aircraft, checked, done = with_gps_in_time(aircraft, checked)
+    notes += done
     try:
         chosen = ReplayOptions(state=StateOptions(calm_air=options.calm_air))
         replayed = replay([str(recording)], aircraft, place / RUN, chosen, part_of(tell, 0.15, 0.25))
@@ -192,6 +197,31 @@ def _explained(
         why_not=why_not,
         notes=tuple(dict.fromkeys(notes)),
     )
+
+
+def with_gps_in_time(aircraft: Aircraft, checked: CheckedRecording) -> tuple[Aircraft, CheckedRecording, list[str]]:
+    """The aircraft with the delay of the GPS that the check has found, where its file says nothing of one, the check
+    without a warning of that, and a note that says so.
+
+    Receivers need 0.1 to 0.25 s, of which a filter makes a wind, a bias, and a zero of a vane in turns.
+    """
+    said = by_name(aircraft.source.get("sensors"))
+    stated = any("delay" in said.get(name, {}) for name in ("gps", *SENSOR_GROUPS["gps"]))
+    late = next((f.late for f in checked.checked.findings if f.kind == "offset" and f.signals == VELOCITY), 0.0)
+    if stated or not _SHORTEST_DELAY < late < _LONGEST_DELAY:
+        return aircraft, checked, []
+    findings = tuple(
+        replace(finding, severity=INFO)
+        if finding.kind == "offset" and finding.late and {*finding.signals} <= {*VELOCITY, *GEODETIC}
+        else finding
+        for finding in checked.checked.findings
+    )
+    note = (
+        f"the GPS comes {late:.2f} s late, as the check shows, and that is taken off here: other commands do so with "
+        f"`gps: {{delay: {late:.2f}}}` under `sensors` of the aircraft file"
+    )
+    better = with_setting(aircraft, ("sensors", "gps", "delay"), round(late, 3))
+    return better, replace(checked, checked=replace(checked.checked, findings=findings)), [note]
 
 
 def _with_outputs(checked: CheckedRecording) -> CheckedRecording:
