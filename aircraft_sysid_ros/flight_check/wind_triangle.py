@@ -54,6 +54,8 @@ _ANY, _SOUND = 0.5, 0.03
 _LEAST_GUST, _LEAST_NOISE, _APART, _HUBER = 0.3, 0.1, 5, 2.5
 #: First of the wind at knots among the unknowns; a step below which they are settled; least seconds beside a change.
 _KNOT, _SETTLED, _SHORTEST = 6, 1e-3, 5
+#: Share of the usual speeds, through the air and over ground, below which an aeroplane lands or takes off.
+_SLOW = 0.75
 #: A fix further [s] from the nearest airspeed is not used.
 _NEAR = 0.3
 _ROUNDS = 8
@@ -406,11 +408,22 @@ class WindTriangle:
             return
         (time, speed), mean, height = found[:2], found[2:5], 0.0
         self._begin = time if np.isnan(self._begin) else self._begin
+        if self._lands(speed, float(np.linalg.norm(mean))):
+            return
         if len(self._flown):
             before = self._flown[-1]
             height = before[_HEIGHT] - 0.5 * (before[_DOWN] + mean[2]) * (time - before[_TIME])
         kept = self._flown[self._flown[:, _TIME] > time - MEMORY]
         self._flown = np.vstack([kept, [time, speed, *mean, height]])
+
+    def _lands(self, speed: float, over_ground: float) -> bool:
+        """Whether it is slow through the air and over ground, beside the last minutes: it flares or rolls, in a wind
+        that is another one at the ground, and by wheels.
+        """
+        if len(self._flown) < LEAST:
+            return False
+        usual = np.median(np.linalg.norm(self._flown[:, _NORTH : _DOWN + 1], axis=1))
+        return bool(speed < _SLOW * np.median(self._flown[:, _SPEED]) and over_ground < _SLOW * usual)
 
     def _judge(self) -> None:
         flown = self._flown.copy()
