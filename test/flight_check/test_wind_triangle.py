@@ -26,8 +26,8 @@ from turning_point import SECOND, START, flown
 AIRSPEED_CODE = next(code for code, sensor in CONTRADICTED.items() if sensor == "airspeed")
 
 
-def watched(samples):
-    triangle, worst = WindTriangle(8.0), -np.inf
+def watched(samples, minimum_airspeed=8.0):
+    triangle, worst = WindTriangle(minimum_airspeed), -np.inf
     triangle.add(samples)
     for stamp in range(int(samples.stamp[0]), int(samples.stamp[-1]), SECOND):
         triangle.advance(stamp)
@@ -67,10 +67,7 @@ def landing(seed):
 
 def test_of_a_landing_into_a_wind_that_is_calmer_at_the_ground_nothing_is_kept():
     for seed in range(3):
-        triangle = WindTriangle(6.0)
-        samples = landing(seed)
-        triangle.add(samples)
-        triangle.advance(int(samples.stamp[-1]))
+        triangle, _ = watched(landing(seed), minimum_airspeed=6.0)
         triangle.finish()
         assert triangle.findings == ()
         assert triangle._flown[:, 1].min() > 0.7 * 15.0
