@@ -97,8 +97,18 @@ def _ratios(relations: Sequence[Relation]) -> list[Explanation]:
     found = []
     for fault in scale_faults(relations, _SCALE_PRIOR):
         finding, divisor = _ratio(fault)
+        if finding.kind == "scale" and _is_open(fault):
+            continue
         found.append(Explanation(finding, partial(_scaled, signal=fault.signal, factor=1.0 / divisor)))
     return found
+
+
+def _is_open(fault: Fault) -> bool:
+    """Whether the noise of both sides leaves a scale further open than it is from 1: vibration, which the attitude of a
+    filter has in part, too, makes a gyro of it that turns too much.
+    """
+    comparison = fault.relations[0].comparison
+    return bool(np.log(comparison.high / comparison.low) >= abs(fault.size))
 
 
 def _scaled(flight: Flight, signal: str, factor: float) -> Flight:

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from aircraft_sysid_ros.flight_check.explain import scales
 from aircraft_sysid_ros.flight_check.grid import Comparison, Grid, compare
 from aircraft_sysid_ros.flight_check.relation import Relation, lag_faults, scale_faults, sign_faults
 
@@ -105,3 +106,11 @@ def test_a_gap_is_nan_on_the_grid_and_an_average_over_it_too():
     assert np.isnan(placed[inside]).all() and np.isfinite(placed[away]).all()
     assert np.isnan(grid.smooth(placed, 0.5)[(grid.time > 4.8) & (grid.time < 7.2)]).all()
     assert grid.slope(placed)[100] == pytest.approx(2.0 * grid.time[100], rel=1e-9)
+
+
+@pytest.mark.parametrize(("low", "high", "told"), [(1.042, 1.236, False), (1.10, 1.17, True)])
+def test_a_scale_that_noise_leaves_further_open_than_it_is_from_one_is_not_told(low, high, told):
+    """A stranger's vibrating, sound gyro was "1.135 times what it should be"."""
+    follows = Comparison(np.sqrt(low / high), low, high, 0.0, 0.01, 1000.0, 400.0)
+    found = scales([Relation("angular_velocity.y", "attitude.pitch", follows, "the derivative of the attitude", 0.04)])
+    assert [each.finding.signals for each in found] == ([("angular_velocity.y",)] if told else [])
