@@ -102,7 +102,15 @@ def test_an_airspeed_that_reads_less_since_then_is_told_by_gps(times):
     step = airspeed_step(circling(0.88, 1.0), [times])
     ratio = 0.88 if times.end is None else 1.0 / 0.88
     assert step is not None and step.ratio == pytest.approx(ratio, abs=max(4.0 * step.std, 0.01))
-    assert "look at the pitot tube" in sentence_of_airspeed(step, SimpleNamespace(times=[times]))
+    assert step.times == (times,) and "look at the pitot tube" in sentence_of_airspeed(step)
+
+
+def test_an_airspeed_tells_itself_since_when_it_reads_less():
+    """A blocked pitot had been a rudder that does something else, from 43 s after it."""
+    step = airspeed_step(circling(0.7, 1.0), [Times(243.0, None, 25.0, np.nan)])
+    assert step is not None and step.ratio == pytest.approx(0.7, abs=max(4.0 * step.std, 0.01))
+    assert step.times[0].begin == pytest.approx(200.0, abs=6.0) and step.times[0].end is None
+    assert " s (± 5.0 s) to the end of the flight" in sentence_of_airspeed(step)
 
 
 @pytest.mark.parametrize("seed", range(8))

@@ -35,6 +35,8 @@ LEAST, SURE = 0.05, 8.0
 POSSIBLE = (0.5, 1.6)
 #: Time [s] about a begin or an end that is left out, and share of the usual airspeed below which it does not fly.
 _BESIDE, _FLYING = 2.0, 0.5
+#: How far about the time that moments have [s] the begin of a lasting step is looked for, and how finely.
+SEARCHED, _GRID = 60.0, 5.0
 #: Blocks that are needed within the times and in the rest, and steps of least squares.
 _FEWEST, _STEPS = 2, 20
 
@@ -44,10 +46,14 @@ class AirspeedStep(NamedTuple):
 
     ratio: float
     std: float
+    times: tuple[Times, ...]  # those that were asked, or from when on the airspeed itself has it
 
 
 def airspeed_step(samples: Samples, times: Sequence[Times]) -> AirspeedStep | None:
-    """The step at some times [s from the first sample of the IMU]; None where it is small or not sure."""
+    """The step at some times [s from the first sample of the IMU]; None where it is small or not sure.
+
+    What goes on to the end of the flight began when the speeds say so, within SEARCHED of what was asked.
+    """
     imu = samples.stamp[samples.kind == Kind.IMU]
     if not len(imu):
         return None
@@ -59,8 +65,23 @@ def airspeed_step(samples: Samples, times: Sequence[Times]) -> AirspeedStep | No
         return None
     time, velocity = seconds[ground], samples.values[ground, :3]
     read = np.interp(time, seconds[air], samples.values[air, 0])
+    known = read > _FLYING * np.median(read)
+    told = _told(time[known], velocity[known], read[known], times)
+    if told is None or len(times) > 1 or times[0].end is not None:
+        return told
+    begins = times[0].begin + np.arange(-SEARCHED, SEARCHED + 1.0, _GRID)
+    others = [Times(float(begin), None, _GRID, 0.0) for begin in begins]
+    left = [_misfit(time[known], velocity[known], read[known], other) for other in others]
+    best = others[int(np.argmin(left))]
+    if abs(best.begin - times[0].begin) <= _GRID:
+        return told
+    return _told(time[known], velocity[known], read[known], (best,)) or told
+
+
+def _told(time: Array, velocity: Array, read: Array, times: Sequence[Times]) -> AirspeedStep | None:
+    """The step at some times, of speeds in flight; None where it is small or not sure."""
     edges = np.array([edge for each in times for edge in (each.begin, each.end) if edge is not None])
-    known = (read > _FLYING * np.median(read)) & np.all(np.abs(time[:, None] - edges) > _BESIDE, axis=1)
+    known = np.all(np.abs(time[:, None] - edges) > _BESIDE, axis=1)
     time, velocity, read = time[known], velocity[known], read[known]
     inside = np.any([(time > t.begin) & (time < (np.inf if t.end is None else t.end)) for t in times], axis=0)
     blocks, course = blocks_of(time), velocity[:, 0] + 1j * velocity[:, 1]
@@ -68,13 +89,23 @@ def airspeed_step(samples: Samples, times: Sequence[Times]) -> AirspeedStep | No
         return None
     if max(difference_of_courses(course[inside]), difference_of_courses(course[~inside])) < LEAST_DIFFERENCE:
         return None
-    ratio, std = _step(velocity, read, inside, blocks)
+    ratio, std, _ = _step(velocity, read, inside, blocks)
     is_told = POSSIBLE[0] < ratio < POSSIBLE[1] and abs(np.log(ratio)) > max(LEAST, SURE * std)
-    return AirspeedStep(ratio, ratio * std) if is_told else None
+    return AirspeedStep(ratio, ratio * std, tuple(times)) if is_told else None
 
 
-def _step(velocity: Array, read: Array, inside: npt.NDArray[np.bool_], blocks: Blocks) -> tuple[float, float]:
-    """k1 / k2, which is what is read inside over what is read outside, and the standard error of its logarithm."""
+def _misfit(time: Array, velocity: Array, read: Array, begin: Times) -> float:
+    """What a step from one time on leaves (sum of squares); infinite where one side of it is short."""
+    inside, blocks = time > begin.begin, blocks_of(time)
+    if min(len(np.unique(blocks[inside])), len(np.unique(blocks[~inside]))) < _FEWEST:
+        return np.inf
+    return _step(velocity, read, inside, blocks)[2]
+
+
+def _step(velocity: Array, read: Array, inside: npt.NDArray[np.bool_], blocks: Blocks) -> tuple[float, float, float]:
+    """k1 / k2, which is what is read inside over what is read outside, the standard error of its logarithm, and the sum
+    of squares that is left.
+    """
     found = np.array([0.0, 0.0, 1.0, 1.0])
     for _ in range(_STEPS):
         through = velocity - np.array([*found[:2], 0.0])
@@ -86,4 +117,4 @@ def _step(velocity: Array, read: Array, inside: npt.NDArray[np.bool_], blocks: B
     scores = block_sums(slopes * left[:, None], blocks)
     covariance = inverse @ scores.T @ scores @ inverse
     of_log = np.array([0.0, 0.0, 1.0 / found[2], -1.0 / found[3]])
-    return float(found[2] / found[3]), float(np.sqrt(of_log @ covariance @ of_log))
+    return float(found[2] / found[3]), float(np.sqrt(of_log @ covariance @ of_log)), float(left @ left)

@@ -74,13 +74,18 @@ class FailureReport:
     judged: tuple[str, ...]  # axes
     not_judged: dict[str, str]  # axes, and why
     balance: ForceBalance = field(repr=False)
-    #: What the airspeed reads where ``changed`` is: that is told in its place.
+    #: What the airspeed reads where what is ``unclear`` is: that is told in its place.
     airspeed: AirspeedStep | None = None
 
     @property
     def says_something(self) -> bool:
         """Whether anything failed or changed."""
         return bool(self.found) or self.changed is not None or self.unexplained is not None
+
+    @property
+    def unclear(self) -> Episode | None:
+        """What changed without a name: a moment, or what an input does."""
+        return self.changed if self.changed is not None else self.unexplained
 
     @property
     def unexplained(self) -> Failure | None:

@@ -172,16 +172,16 @@ def failures_of(
     sure = [(form, constant) for form, constant in constants if constant.evidence >= least]
     unseen = [(f.search, c) for f, c in sure if _is_unseen(c, motion.balance) and _holds(f, c, least, at_power=True)]
     changed = None if best else unrecorded_change(unseen, float(motion.balance.time[0]))
-    airspeed = airspeed_step(samples, changed.times) if changed is not None else None
     judged = tuple(dict.fromkeys(axis for form, name in jobs for axis in form.search.axes_of(name)))
     progress(1.0)
     not_judged = _not_judged(motion.balance, judged)
     unnamed = [] if best or changed is not None else [*unlike, *(f for _, f in found[:1] if f.name != ENGINE)]
     unnamed.sort(key=lambda failure: -failure.evidence)
-    return FailureReport(
-        tuple(best), changed, tuple(unnamed), tuple(evidence), frozenset(shown), judged, not_judged, motion.balance,
-        airspeed,
-    )  # fmt: skip
+    report = FailureReport(
+        tuple(best), changed, tuple(unnamed), tuple(evidence), frozenset(shown), judged, not_judged, motion.balance
+    )
+    unclear = report.unclear
+    return report if unclear is None else replace(report, airspeed=airspeed_step(samples, unclear.times))
 
 
 def _searched(job: _Job) -> _Searched:

@@ -64,14 +64,18 @@ def effect_of(failure: Failure) -> str:
 
 def span_of(failure: Episode) -> str:
     """From when to when, with what it may be off."""
-    return listed([_from_to(times) for times in failure.times])
+    return _when(failure.times)
 
 
-def sentence_of_airspeed(step: AirspeedStep, change: Episode) -> str:
-    """One sentence that a pilot understands; ``change``: of the moments, at the same times."""
+def _when(times: Sequence[Times]) -> str:
+    return listed([_from_to(each) for each in times])
+
+
+def sentence_of_airspeed(step: AirspeedStep) -> str:
+    """One sentence that a pilot understands."""
     return (
         f"By GPS and a steady wind the airspeed reads {step.ratio:.3f} ± {step.std:.3f} of what it reads otherwise "
-        f"{span_of(change)}: moments that are worked out with it change there, and none is named; look at the pitot "
+        f"{_when(step.times)}: moments that are worked out with it change there, and none is named; look at the pitot "
         "tube."
     )
 
@@ -192,13 +196,13 @@ def change_json(change: UnrecordedChange, report: FailureReport) -> dict[str, An
     }
 
 
-def _of_airspeed(step: AirspeedStep, change: Episode) -> dict[str, Any]:
+def _of_airspeed(step: AirspeedStep) -> dict[str, Any]:
     """What is otherwise of a change of moments that the airspeed makes: no term of the model stands for it."""
     effect = BY_ID["airspeed_scale"]
     return {
         "effect": effect.identifier, "label": effect.identifier, "name": effect.name, "kind": MEASUREMENT,
         "physics": effect.physics, "manoeuvre": effect.manoeuvre, "expression": None, "terms": {}, "axes": [],
-        "confounded_with": [], "where": f"it reads {step.ratio:.3f} ± {step.std:.3f} of the rest {span_of(change)}",
+        "confounded_with": [], "where": f"it reads {step.ratio:.3f} ± {step.std:.3f} of the rest {_when(step.times)}",
         "is_to_add": False,
     }  # fmt: skip
 
@@ -259,15 +263,18 @@ def candidates_of(report: FailureReport) -> Iterator[tuple[dict[str, Any], Episo
         yield candidate_json(failure, report), failure
     if report.changed is not None:
         said = change_json(report.changed, report)
-        yield {**said, **(_of_airspeed(report.airspeed, report.changed) if report.airspeed else {})}, report.changed
+        yield {**said, **(_of_airspeed(report.airspeed) if report.airspeed else {})}, report.changed
+    elif report.unexplained is not None and report.airspeed is not None:
+        yield {**unlike_json(report.unexplained, report), **_of_airspeed(report.airspeed)}, report.unexplained
 
 
 def report_json(report: FailureReport, notes: list[str]) -> dict[str, Any]:
     """The answer of a flight of which nothing but its inputs could be judged, or one of whose inputs failed."""
+    is_unexplained = report.unexplained is not None and report.airspeed is None
     return {
-        "verdict": "unexplained" if report.unexplained else "missing" if report.says_something else "none",
+        "verdict": "unexplained" if is_unexplained else "missing" if report.says_something else "none",
         "candidates": [unlike_json(report.unexplained, report)]
-        if report.unexplained
+        if is_unexplained and report.unexplained is not None
         else [candidate for candidate, _ in candidates_of(report)],
         "advice": " ".join(_advice(report)),
         "notes": [*notes, *notes_of(report)],
@@ -309,8 +316,8 @@ def _advice(report: FailureReport) -> Iterator[str]:
     for failure in report.found:
         yield sentence_of(failure)
         yield sure_of(failure)
-    if report.changed is not None and report.airspeed is not None:
-        yield sentence_of_airspeed(report.airspeed, report.changed)
+    if report.airspeed is not None:
+        yield sentence_of_airspeed(report.airspeed)
     elif report.changed is not None:
         yield sentence_of_change(report.changed)
         yield f"It is {_times_likelier(report.changed.evidence)} than that nothing changed."
