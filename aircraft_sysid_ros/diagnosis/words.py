@@ -319,7 +319,11 @@ class FlightDiagnosis:
         """Axes that the model does not describe, and no candidate either."""
         left = self.diagnosis.left
         if left:
-            parts = [f"{e:.0%} of {a[0]}_{a[1]} ({n:.0f} times what noise makes of it)" for a, (e, n) in left.items()]
+            shares = {axis: f"{error:.0%}" if error <= 1.0 else "more than all" for axis, (error, _) in left.items()}
+            parts = [
+                f"{shares[a]} of {a[0]}_{a[1]} ({times:.0f} times what noise makes of it)"
+                for a, (_, times) in left.items()
+            ]
             if "CX" in left and self.diagnosis.bench.data.lacks({"Tc"}):
                 yield (
                     "Thrust is not measured, and a throttle alone tells it badly, most of all of an engine whose speed "

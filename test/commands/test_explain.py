@@ -224,6 +224,21 @@ def test_what_the_model_lacks_is_added_before_anything_is_flown_for_its_axis():
     assert any("Cn_beta" in text for text in said) and not any("Cl_" in text for text in said)
 
 
+def test_where_nothing_tells_the_angles_of_flow_no_manoeuvre_is_asked_for(aircraft):
+    """In a stranger's flights full of doublets, without vanes, more doublets had been asked for."""
+    absent = ("angle_of_attack", "missing", "info", "not in the recording: it must come from attitude and flight path")
+    unknown, model = dict.fromkeys(aircraft.model.parameter_names, "too uncertain"), aircraft.model
+
+    def said(seconds, *findings):
+        flight = SimpleNamespace(time=np.arange(0.0, seconds, 0.1), signal=lambda name: np.array([15.0, 16.0]))
+        few = SimpleNamespace(unknown=unknown, aircraft=aircraft, model=model, flight=flight)
+        return " ".join(next_flights(check_json(*findings), few, (), None))
+
+    assert "doublets" in said(300.0, absent) and TELL_FLOW not in said(300.0, absent)
+    assert "doublets" not in said(4.0, absent) and TELL_FLOW in said(4.0, absent)
+    assert "doublets" in said(4.0)  # vanes tell them
+
+
 def test_what_a_diagnosis_counts_with_is_added_first():
     """Effects alone left 48 % of C_m of a stranger's jet where 18 % was promised with the lag of its servos."""
     late = {"effect": "actuator_lag", "kind": "measurement", "found": True, "axes": [], "confounded_with": []}

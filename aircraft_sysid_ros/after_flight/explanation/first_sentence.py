@@ -297,7 +297,7 @@ def _nothing(evidence: Evidence) -> Said:
     if not used:
         return Said(
             "nothing", f"No parameter can be used (0 of {all_of_them}), so that this flight says nothing of the "
-            "aeroplane; its sensors agree, and no fault of its model shows.",
+            "aeroplane, nor of a fault of its model; its sensors agree.",
         )  # fmt: skip
     return Said(
         "nothing", f"Nothing is missing that this flight could show: the sensors agree, and {used} of {all_of_them} "

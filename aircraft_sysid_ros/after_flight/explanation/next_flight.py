@@ -10,11 +10,12 @@ import numpy as np
 from aircraft_sysid_ros.after_flight.explanation.aeroplane import KnownMode, Learnt
 from aircraft_sysid_ros.aircraft.signals import CONTROL_WORDS
 from aircraft_sysid_ros.aircraft.unsaid_places import unsaid_keys
+from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS
 from aircraft_sysid_ros.effects import BY_ID
 from aircraft_sysid_ros.effects.effect import MEASUREMENT
 from aircraft_sysid_ros.flight_check.finding import ABSENT, ERROR, INFO
 from aircraft_sysid_ros.flight_model.modes import DUTCH_ROLL, SHORT_PERIOD
-from aircraft_sysid_ros.identification.conditions import listed
+from aircraft_sysid_ros.identification.conditions import TELL_FLOW, listed
 from aircraft_sysid_ros.reconstruction.state import CONTRADICTED, contradiction_text
 from aircraft_sysid_ros.recordings.autopilot_log import NO_SURFACES
 
@@ -131,6 +132,12 @@ def _for_parameters(
         if unknown and learnt.aircraft.unsaid:
             keys = listed(unsaid_keys(learnt.aircraft))
             yield f"Measure where the sensors are and write {keys} into the aircraft file: errors are wider for it."
+        if unknown and (seconds := _seconds_of_flow(check, learnt)) < THRESHOLDS.shortest:
+            yield (
+                f"First let something tell the angles of flow, which are known for {seconds:.0f} s here: {TELL_FLOW}; "
+                "give the filter the attitude, too, if the log has one. Without that no manoeuvre shows more."
+            )
+            return
         listed_programs = [p for of_axis in learnt.model.programs for p in of_axis]
         programs = dict(zip(learnt.model.parameter_names, listed_programs, strict=True))
     unknown = [name for name in unknown if name.partition("_")[0] not in lacking]
@@ -147,6 +154,15 @@ def _for_parameters(
         if names:
             shown = listed(names[:6]) + (f" and {len(names) - 6} more" if len(names) > 6 else "")
             yield f"Fly {manoeuvre.format(**pulses)}: this flight does not show {shown}."
+
+
+def _seconds_of_flow(check: Mapping[str, Any], learnt: Learnt) -> float:
+    """How long [s] the angles of flow are known where no vane measures one of them; infinite where vanes do."""
+    absent = {f["signal"] for f in check["findings"] if f["sentence"].startswith(ABSENT)}
+    if not absent & {"angle_of_attack", "sideslip"}:
+        return float("inf")
+    time = learnt.flight.time
+    return len(time) * float(np.median(np.diff(time))) if len(time) > 1 else 0.0
 
 
 def _first(signals: frozenset[str], name: str, programs: Mapping[str, Any]) -> bool:

@@ -312,6 +312,9 @@ def _failed_in_model(report: FailureReport) -> list[str]:
     return found
 
 
+_OF_ENGINE = ", and of the engine only that it stops is looked for, not that it makes less"
+
+
 def _advice(report: FailureReport) -> Iterator[str]:
     for failure in report.found:
         yield sentence_of(failure)
@@ -338,7 +341,8 @@ def _advice(report: FailureReport) -> Iterator[str]:
         if known:
             yield (
                 f"Of the inputs whose effect this flight shows none was seen to fail: {', '.join(known)}. One that "
-                "fails for seconds only, or while it is hardly told to move, would not be seen."
+                "fails for seconds only, or while it is hardly told to move, would not be seen; one that keeps half of "
+                f"its effect need not be{_OF_ENGINE if _WHAT.get(ENGINE, ENGINE) in known else ''}."
             )
         if unlike:
             yield (
