@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AerodynamicModel
 from aircraft_sysid_ros.aircraft.signals import SIGNAL_COUNT, SIGNAL_INDEX
-from aircraft_sysid_ros.identification.coefficients.layout import LEARNT, SIGNALS_OF_SAMPLE
+from aircraft_sysid_ros.identification.coefficients.layout import LEARNT, SIGNALS_OF_SAMPLE, CoefficientSample
 from aircraft_sysid_ros.kernels import njit
 from aircraft_sysid_ros.samples import CONTROL_COLUMNS
 
@@ -18,6 +18,9 @@ Array = npt.NDArray[np.float64]
 _RANGED = tuple(SIGNALS_OF_SAMPLE + SIGNAL_INDEX[name] for name in ("V", "alpha", "beta"))
 
 
+_TIME = CoefficientSample.TIME
+#: Longest time [s] that a sample stands for.
+_LONGEST_STEP = 0.2
 #: Signals that stand in the samples of the controls.
 CONTROL_SIGNALS = frozenset(CONTROL_COLUMNS)
 
@@ -59,11 +62,13 @@ class LearntConditions:
 
     def __init__(self) -> None:
         self.ranges = np.full((len(_RANGED), 2), np.nan)  # lowest and highest
+        self.seconds = np.zeros(6)  # that each axis has learnt from
         self._seen = np.zeros(SIGNAL_COUNT, np.bool_)
+        self._newest = np.nan  # [s]
 
     def add(self, samples: Array) -> None:
-        """New samples (m, …) of ``CoefficientSample``."""
-        _follow(samples, self.ranges, self._seen)
+        """New samples (m, …) of ``CoefficientSample``, m > 0."""
+        self._newest = _follow(samples, self._newest, self.ranges, self.seconds, self._seen)
 
     def signals_of(self, model: AerodynamicModel, axis: int) -> tuple[tuple[str, ...], list[str]]:
         """Signals that an axis needs, and those of them that no sample of the flight had."""
@@ -72,17 +77,24 @@ class LearntConditions:
 
 
 @njit(cache=True)
-def _follow(samples: Array, ranges: Array, seen: npt.NDArray[np.bool_]) -> None:
-    """Widen the ranges (3, 2) to the samples that any axis learnt from; mark the signals that were measured."""
+def _follow(samples: Array, newest: float, ranges: Array, seconds: Array, seen: npt.NDArray[np.bool_]) -> float:
+    """Widen the ranges (3, 2) to the samples that any axis learnt from, count the seconds (6,) that each did, and mark
+    the signals that were measured; returns the time [s] of the last sample, ``newest`` is that before.
+    """
     for i in range(len(samples)):
+        since = samples[i, _TIME] - newest
+        newest = samples[i, _TIME]
         for k in range(len(seen)):
             seen[k] |= np.isfinite(samples[i, SIGNALS_OF_SAMPLE + k])
         learnt = False
         for axis in range(6):
-            learnt |= samples[i, LEARNT + axis] > 0.0
+            if samples[i, LEARNT + axis] > 0.0:
+                learnt = True
+                seconds[axis] += min(since, _LONGEST_STEP) if since > 0.0 else 0.0
         for k in range(len(_RANGED) if learnt else 0):
             value = samples[i, _RANGED[k]]
             if not ranges[k, 0] <= value and np.isfinite(value):
                 ranges[k, 0] = value
             if not ranges[k, 1] >= value and np.isfinite(value):
                 ranges[k, 1] = value
+    return newest

@@ -59,6 +59,9 @@ Array = npt.NDArray[np.float64]
 LONGEST_LOOK = 1.0
 #: Without a sample for so long [s] what is published has the time of the newest state.
 STALE = 1.0
+#: Time [s] in which wind and attitude must show an angle that no vane measures before an axis that needs it is used: as
+#: much as any comparison of a model needs.
+LEAST_INFERRED = 20.0
 _RULES = TrustRules()
 
 
@@ -455,7 +458,7 @@ class Learning:
         """What keeps an axis from being learnt, in words; empty where nothing but motion does."""
         updates, controls_pace = int(self.least_squares.state.updates[axis]), self._pace_of_controls
         if updates >= _RULES.samples:
-            return ""
+            return self._inferred_too_seldom(axis)
         if self._pace.is_too_slow:
             return too_slow(self._pace.rate)
         needed, unseen = self.conditions.signals_of(self.aircraft.model, axis)
@@ -473,6 +476,24 @@ class Learning:
         if nothing and unseen:
             return needs(unseen)
         return self._not_inferred(needed)
+
+    def _inferred_too_seldom(self, axis: int) -> str:
+        """That an axis rests on angles which wind and attitude have told for too short a time; empty: it does not.
+
+        So few seconds are of one manoeuvre and one error of the wind: of five values that were to be used in such
+        flights of a stranger four were more than a quarter off.
+        """
+        seconds = self.conditions.seconds[axis]
+        if seconds >= LEAST_INFERRED or not self.constants.angles:
+            return ""
+        needed, _ = self.conditions.signals_of(self.aircraft.model, axis)
+        angles = [name for name in self.constants.angles if name in needed]
+        if not angles:
+            return ""
+        return (
+            f"rests on {listed(angles)}, which no vane measures: wind and attitude have shown "
+            f"{'them' if len(angles) > 1 else 'it'} for {seconds:.0f} s, and {LEAST_INFERRED:.0f} s are needed"
+        )
 
     def _not_inferred(self, needed: tuple[str, ...]) -> str:
         """That angles are neither measured nor known just now from wind and attitude; empty: they are."""
