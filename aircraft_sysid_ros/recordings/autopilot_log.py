@@ -59,10 +59,26 @@ def import_content(content: LogContent, table: Table, mapping: ServoMapping | No
         held = ", ".join(content.found) or "nothing"
         raise InputError(f"nothing in it can be used: it holds {held[:300]}")
     missing = _missing(topics, readings, assembler, mapping)
-    used = {_source_name(output.source) for output in outputs}
+    used = {_source_name(output.source) for output in outputs} | _beside_others(assembler, topics)
     found = _found(content.found, table, readings, used, missing.get("control_surfaces") == NO_SURFACES)
     notes = [*content.notes, *_attitude_note(topics, missing, mapping)]
     return ImportedLog(content.format, topics, missing, notes, found, content.manoeuvres)
+
+
+def _beside_others(assembler: Assembler, topics: Sequence[ImportedTopic]) -> set[str]:
+    """Sources of what goes along with messages of others: the pressure with an airspeed, a propeller with surfaces."""
+    there = {topic.topic: topic.fields for topic in topics}
+    along = {
+        Quantity.PRESSURE: ("air_data", "static_pressure"), Quantity.PROPELLER: ("control_surfaces", "propeller_speed"),
+        Quantity.DESCENT: ("gps/vel", ""), Quantity.MOTORS: ("control_surfaces", "throttle"),
+    }  # fmt: skip
+    found = set[str]()
+    for quantity, (topic, name) in along.items():
+        fields, source = there.get(topic, {}), assembler.source(quantity)
+        values = np.asarray(fields.get(name, 0.0) if fields else np.nan, dtype=np.float64)
+        if source is not None and np.isfinite(values).any():
+            found.add(_source_name(source))
+    return found
 
 
 def _attitude_note(topics: Sequence[ImportedTopic], missing: Mapping[str, str], mapping: ServoMapping) -> list[str]:

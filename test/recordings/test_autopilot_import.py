@@ -176,6 +176,7 @@ def test_dataflash(tmp_path, calibration):
     assert not len(of_kind(recording, Kind.ANGLE_OF_ATTACK))
     assert "flow_angles: measured" in report["missing"]["angle_of_attack"]
     assert report["found"]["IMU"] == {"messages": 2 * COUNT, "state": "mapped"}
+    assert report["found"]["BARO"]["state"] == report["found"]["RPM"]["state"] == "mapped"  # with what others say
     assert report["found"]["MODE"]["state"] == "unused"
     assert any("2 elevator 1100/1500/1900 us reversed" in note for note in report["notes"])
     attitude = read_table(tmp_path / "bag", "autopilot/attitude").fields["quaternion"]
