@@ -67,7 +67,7 @@ def as_diagnosed(aircraft: Aircraft, candidates: Sequence[Mapping[str, Any]]) ->
     for candidate in candidates:
         for name, value in candidate.get("settings", {}).items():
             key = tuple(name.split("."))
-            if key[-1] not in OF_WIND and CONTROLS not in key:
+            if key[-1] not in OF_WIND and CONTROLS not in key and key[0] != "process_noise":
                 aircraft = with_setting(aircraft, key, value)
                 unsaid = {place: std for place, std in aircraft.unsaid.items() if place != key}
                 aircraft = replace(aircraft, unsaid=unsaid)
