@@ -56,6 +56,8 @@ _LEAST_GUST, _LEAST_NOISE, _APART, _HUBER = 0.3, 0.1, 5, 2.5
 _KNOT, _SETTLED, _SHORTEST = 6, 1e-3, 5
 #: Share of the usual speeds, through the air and over ground, below which an aeroplane lands or takes off.
 _SLOW = 0.75
+#: Longest time [s] that a landing takes, from the flare to where the airspeed is none.
+_LANDING = 30.0
 #: A fix further [s] from the nearest airspeed is not used.
 _NEAR = 0.3
 _ROUNDS = 8
@@ -408,7 +410,7 @@ class WindTriangle:
             return
         (time, speed), mean, height = found[:2], found[2:5], 0.0
         self._begin = time if np.isnan(self._begin) else self._begin
-        if self._lands(speed, float(np.linalg.norm(mean))):
+        if self._lands(time, speed, float(np.linalg.norm(mean))):
             return
         if len(self._flown):
             before = self._flown[-1]
@@ -416,11 +418,11 @@ class WindTriangle:
         kept = self._flown[self._flown[:, _TIME] > time - MEMORY]
         self._flown = np.vstack([kept, [time, speed, *mean, height]])
 
-    def _lands(self, speed: float, over_ground: float) -> bool:
+    def _lands(self, time: float, speed: float, over_ground: float) -> bool:
         """Whether it is slow through the air and over ground, beside the last minutes: it flares or rolls, in a wind
-        that is another one at the ground, and by wheels.
+        that is another one at the ground, and by wheels. What lasts is slow flight.
         """
-        if len(self._flown) < LEAST:
+        if len(self._flown) < LEAST or time - self._flown[-1, _TIME] > _LANDING:
             return False
         usual = np.median(np.linalg.norm(self._flown[:, _NORTH : _DOWN + 1], axis=1))
         return bool(speed < _SLOW * np.median(self._flown[:, _SPEED]) and over_ground < _SLOW * usual)

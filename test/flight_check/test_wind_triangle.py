@@ -4,6 +4,7 @@ The last one is simulated, and goes through the whole chain.
 """
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -71,6 +72,13 @@ def test_of_a_landing_into_a_wind_that_is_calmer_at_the_ground_nothing_is_kept()
         triangle.finish()
         assert triangle.findings == ()
         assert triangle._flown[:, 1].min() > 0.7 * 15.0
+
+
+def test_slow_flight_that_lasts_is_no_landing_and_a_fault_in_it_is_found():
+    fast, slow = flown(3, 240.0, speed=25.0), flown(4, 300.0, speed=16.0, scale=lambda t: np.where(t > 120.0, 0.8, 1.0))
+    later = replace(slow, stamp=slow.stamp + 240 * SECOND)
+    triangle, _ = watched(concatenate([fast, later]), minimum_airspeed=6.0)
+    assert triangle.is_wrong and triangle.readings[-1].scale == pytest.approx(0.8, abs=0.08)
 
 
 @pytest.mark.parametrize("factor", [0.8, 1.2])

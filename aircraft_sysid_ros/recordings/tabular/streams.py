@@ -256,12 +256,13 @@ def _standstills(stream: Stream, fresh: Stream) -> list[tuple[float, float]]:
     """From where to where [s, from the first row on] rows only repeat for long, of ``fresh`` without repeats: the
     longest, three at most. Where there are no rows at all is a gap of the log.
     """
-    between = np.diff(fresh.stamp)
-    rows = np.diff(np.searchsorted(stream.stamp, fresh.stamp)) * stream.step  # time that rows fill
+    stamps = np.append(fresh.stamp, stream.stamp[-1])  # it may stand still to the end
+    between = np.diff(stamps)
+    rows = np.diff(np.searchsorted(stream.stamp, stamps)) * stream.step  # time that rows fill
     least = max(_STANDSTILL * NANOSECONDS, _STANDSTILLS_OF_STEPS * float(np.median(between)))
     lasting = np.where(rows > 0.5 * between, between, 0)
     longest = sorted(np.argsort(-lasting)[:_MOST_STANDSTILLS])
-    time = (fresh.stamp - stream.stamp[0]) * 1e-9
+    time = (stamps - stream.stamp[0]) * 1e-9
     found = [(float(time[i]), float(time[i + 1])) for i in longest if lasting[i] > least]
     fresh.forget()
     stream.forget()
