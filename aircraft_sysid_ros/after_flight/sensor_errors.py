@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
-from aircraft_sysid_ros.diagnosis.flight.constant_errors import air_data_errors, offset_of
-from aircraft_sysid_ros.diagnosis.flight.reconstruction import as_flown
+from aircraft_sysid_ros.diagnosis.flight.constant_errors import NAMES, air_data_errors, offset_of
+from aircraft_sysid_ros.diagnosis.flight.reconstruction import AIR_DATA, as_flown
 from aircraft_sysid_ros.reconstruction.absences import has_airspeed
 from aircraft_sysid_ros.reconstruction.air_data_errors import UNKNOWN_STD_OF
 from aircraft_sysid_ros.reconstruction.alignment import ACCELEROMETER_BIAS_STD, GYRO_BIAS_STD
@@ -24,12 +24,6 @@ from aircraft_sysid_ros.samples import Kind, Samples
 USE, HOLD = "USE", "HOLD"
 #: Of the standard deviation before the flight that is left where a flight has told a number.
 LEARNT = 0.25
-#: Sensors by the name of their errors in the filter, as the aircraft file calls them.
-_AIR_DATA = {
-    "V": ("airspeed", Kind.AIRSPEED),
-    "alpha": ("angle_of_attack", Kind.ANGLE_OF_ATTACK),
-    "beta": ("sideslip", Kind.SIDESLIP),
-}
 _IMU = {"accelerometer_bias": ACCELEROMETER_BIAS_STD, "gyro_bias": GYRO_BIAS_STD}
 Row = dict[str, Any]
 
@@ -43,7 +37,8 @@ def sensor_errors(aircraft: Aircraft, samples: Samples, state: Mapping[str, Any]
 
 
 def _of_air_data(known: Mapping[str, Mapping[str, float]], samples: Samples, calm: bool) -> Iterator[Row]:
-    for name, (sensor, kind) in _AIR_DATA.items():
+    for sensor, kind in AIR_DATA.items():
+        name = NAMES[kind]
         shown = samples.values[samples.kind == kind, 0]
         if not known or not np.isfinite(shown).any():
             continue
@@ -51,8 +46,8 @@ def _of_air_data(known: Mapping[str, Mapping[str, float]], samples: Samples, cal
         gain = 1.0 / (1.0 + scale["value"])  # y_true = (1 + lambda) y + b
         is_told = scale["std"] < LEARNT * UNKNOWN_STD_OF[f"lambda_{name}"]
         yield _row(f"{sensor}.scale", gain, scale["std"] * gain**2, is_told and calm)
-        if name != "V":
-            offset, std, _ = offset_of(known, samples, name, kind)
+        if kind != Kind.AIRSPEED:
+            offset, std, _ = offset_of(known, samples, kind)
             yield _row(f"{sensor}.offset", -offset, std, std < LEARNT * UNKNOWN_STD_OF[f"b_{name}"])
 
 

@@ -540,7 +540,7 @@ def test_the_zero_of_a_vane_is_looked_for_with_the_lateness_that_a_diagnosis_fou
     counted = as_diagnosed(flown.aircraft, [{"settings": named}, {"effect": "stall"}])
 
     def zero(aircraft, recorded):
-        return offset_of(air_data_errors(aircraft, recorded), recorded, "alpha", Kind.ANGLE_OF_ATTACK).value
+        return offset_of(air_data_errors(aircraft, recorded), recorded, Kind.ANGLE_OF_ATTACK).value
 
     truth = zero(flown.aircraft, flown.samples)
     assert abs(zero(flown.aircraft, samples) - truth) > np.radians(0.4)

@@ -20,7 +20,7 @@ import numpy as np
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
 from aircraft_sysid_ros.aircraft.sensor_settings import CONTROLS
 from aircraft_sysid_ros.diagnosis.flight.constant_errors import Offset, air_data_errors, offset_of
-from aircraft_sysid_ros.diagnosis.measurement.setting import OF_WIND
+from aircraft_sysid_ros.diagnosis.measurement.setting import feigns_wind
 from aircraft_sysid_ros.effects.effect import with_setting
 from aircraft_sysid_ros.samples import Kind, Samples
 
@@ -67,7 +67,7 @@ def as_diagnosed(aircraft: Aircraft, candidates: Sequence[Mapping[str, Any]]) ->
     for candidate in candidates:
         for name, value in candidate.get("settings", {}).items():
             key = tuple(name.split("."))
-            if key[-1] not in OF_WIND and CONTROLS not in key and key[0] != "process_noise":
+            if not feigns_wind(key) and CONTROLS not in key and key[0] != "process_noise":
                 aircraft = with_setting(aircraft, key, value)
                 unsaid = {place: std for place, std in aircraft.unsaid.items() if place != key}
                 aircraft = replace(aircraft, unsaid=unsaid)
@@ -95,9 +95,9 @@ def instrument_errors(aircraft: Aircraft, samples: Samples, named: Collection[st
             continue
         if max(abs(errors[f"lambda_{name}"]["value"]) for errors in (known, ahead)) > MOST_SCALE:
             continue
-        here, there = (offset_of(errors or known, samples, name, kind) for errors in (known, ahead))
+        here, there = (offset_of(errors or known, samples, kind) for errors in (known, ahead))
         offset = _wherever(here, there)
-        before, after = (offset_of(errors or known, half, name, kind) for half, errors in halves)
+        before, after = (offset_of(errors or known, half, kind) for half, errors in halves)
         moved = abs(after.value - before.value)
         if moved > max(_sure_from(before, after), LEAST_ANGLE):
             found.append((moved / offset.std, _moved(signal, words, before, after)))

@@ -66,16 +66,17 @@ def airspeed_step(samples: Samples, times: Sequence[Times]) -> AirspeedStep | No
     time, velocity = seconds[ground], samples.values[ground, :3]
     read = np.interp(time, seconds[air], samples.values[air, 0])
     known = read > _FLYING * np.median(read)
-    told = _told(time[known], velocity[known], read[known], times)
+    time, velocity, read = time[known], velocity[known], read[known]
+    told = _told(time, velocity, read, times)
     if told is None or len(times) > 1 or times[0].end is not None:
         return told
     begins = times[0].begin + np.arange(-SEARCHED, SEARCHED + 1.0, _GRID)
     others = [Times(float(begin), None, _GRID, 0.0) for begin in begins]
-    left = [_misfit(time[known], velocity[known], read[known], other) for other in others]
+    left = [_misfit(time, velocity, read, other) for other in others]
     best = others[int(np.argmin(left))]
     if abs(best.begin - times[0].begin) <= _GRID:
         return told
-    return _told(time[known], velocity[known], read[known], (best,)) or told
+    return _told(time, velocity, read, (best,)) or told
 
 
 def _told(time: Array, velocity: Array, read: Array, times: Sequence[Times]) -> AirspeedStep | None:

@@ -62,21 +62,16 @@ def effect_of(failure: Failure) -> str:
     return DAMAGED if failure.kind == PART else STUCK
 
 
-def span_of(failure: Episode) -> str:
+def span_of(failure: Episode | AirspeedStep) -> str:
     """From when to when, with what it may be off."""
-    return _when(failure.times)
-
-
-def _when(times: Sequence[Times]) -> str:
-    return listed([_from_to(each) for each in times])
+    return listed([_from_to(times) for times in failure.times])
 
 
 def sentence_of_airspeed(step: AirspeedStep) -> str:
     """One sentence that a pilot understands."""
     return (
         f"By GPS and a steady wind the airspeed reads {step.ratio:.3f} ± {step.std:.3f} of what it reads otherwise "
-        f"{_when(step.times)}: moments that are worked out with it change there, and none is named; look at the pitot "
-        "tube."
+        f"{span_of(step)}: moments that are worked out with it change there, and none is named; look at the pitot tube."
     )
 
 
@@ -202,7 +197,7 @@ def _of_airspeed(step: AirspeedStep) -> dict[str, Any]:
     return {
         "effect": effect.identifier, "label": effect.identifier, "name": effect.name, "kind": MEASUREMENT,
         "physics": effect.physics, "manoeuvre": effect.manoeuvre, "expression": None, "terms": {}, "axes": [],
-        "confounded_with": [], "where": f"it reads {step.ratio:.3f} ± {step.std:.3f} of the rest {_when(step.times)}",
+        "confounded_with": [], "where": f"it reads {step.ratio:.3f} ± {step.std:.3f} of the rest {span_of(step)}",
         "is_to_add": False,
     }  # fmt: skip
 
@@ -270,12 +265,13 @@ def candidates_of(report: FailureReport) -> Iterator[tuple[dict[str, Any], Episo
 
 def report_json(report: FailureReport, notes: list[str]) -> dict[str, Any]:
     """The answer of a flight of which nothing but its inputs could be judged, or one of whose inputs failed."""
-    is_unexplained = report.unexplained is not None and report.airspeed is None
+    candidates, verdict = [candidate for candidate, _ in candidates_of(report)], "missing"
+    if not candidates:
+        candidates = [] if report.unexplained is None else [unlike_json(report.unexplained, report)]
+        verdict = "unexplained" if candidates else "none"
     return {
-        "verdict": "unexplained" if is_unexplained else "missing" if report.says_something else "none",
-        "candidates": [unlike_json(report.unexplained, report)]
-        if is_unexplained and report.unexplained is not None
-        else [candidate for candidate, _ in candidates_of(report)],
+        "verdict": verdict,
+        "candidates": candidates,
         "advice": " ".join(_advice(report)),
         "notes": [*notes, *notes_of(report)],
         "false_alarm_rate": THRESHOLDS.false_alarm,

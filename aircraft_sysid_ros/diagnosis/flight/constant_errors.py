@@ -17,6 +17,9 @@ from aircraft_sysid_ros.reconstruction.options import StateOptions
 from aircraft_sysid_ros.reconstruction.state_estimator import StateEstimator
 from aircraft_sysid_ros.samples import Kind, Samples
 
+#: How the filter calls what a kind of sample shows.
+NAMES = {Kind.AIRSPEED: "V", Kind.ANGLE_OF_ATTACK: "alpha", Kind.SIDESLIP: "beta"}
+
 
 class Offset(NamedTuple):
     """Constant error of a vane [rad], its standard deviation, and what of that is the doubt in the attitude."""
@@ -36,21 +39,21 @@ def air_data_errors(aircraft: Aircraft, samples: Samples) -> dict[str, dict[str,
     return estimator.air_data_errors
 
 
-def offset_of(known: Mapping[str, Mapping[str, float]], samples: Samples, name: str, kind: Kind) -> Offset:
+def offset_of(known: Mapping[str, Mapping[str, float]], samples: Samples, kind: Kind) -> Offset:
     """Constant error of a vane, of ``air_data_errors``.
 
     At the median angle: what gusts feign as a scale they take off the constant.
     """
     shown = samples.values[samples.kind == kind, 0]
     usual = float(np.nanmedian(shown)) if np.isfinite(shown).any() else 0.0
-    constant = known[f"b_{name}"]
-    value = constant["value"] + known[f"lambda_{name}"]["value"] * usual
+    constant = known[f"b_{NAMES[kind]}"]
+    value = constant["value"] + known[f"lambda_{NAMES[kind]}"]["value"] * usual
     return Offset(value, constant["std"], constant.get("of_attitude", 0.0))
 
 
-def scale_of(known: Mapping[str, Mapping[str, float]], samples: Samples, name: str, kind: Kind) -> float:
+def scale_of(known: Mapping[str, Mapping[str, float]], samples: Samples, kind: Kind) -> float:
     """What a sensor shows over what is true, of ``air_data_errors``: an airspeed at its median, with its constant."""
-    gain, constant = 1.0 + known[f"lambda_{name}"]["value"], known[f"b_{name}"]["value"]
+    gain, constant = 1.0 + known[f"lambda_{NAMES[kind]}"]["value"], known[f"b_{NAMES[kind]}"]["value"]
     if kind == Kind.AIRSPEED:
         gain += constant / float(np.nanmedian(samples.values[samples.kind == kind, 0]))
     return 1.0 / gain

@@ -3,15 +3,9 @@
 from __future__ import annotations
 
 from aircraft_sysid_ros.diagnosis.flight.constant_errors import air_data_errors, offset_of, scale_of
-from aircraft_sysid_ros.diagnosis.flight.reconstruction import Reconstruction
+from aircraft_sysid_ros.diagnosis.flight.reconstruction import AIR_DATA, Reconstruction
 from aircraft_sysid_ros.diagnosis.measurement.setting import Setting
-from aircraft_sysid_ros.samples import Kind
 
-_NAMES = {
-    "airspeed": ("V", Kind.AIRSPEED),
-    "angle_of_attack": ("alpha", Kind.ANGLE_OF_ATTACK),
-    "sideslip": ("beta", Kind.SIDESLIP),
-}
 #: Share of an error that the other judge must find: where one was there it found 0.9 to 1.1 in twelve flights of two
 #: makers (five errors, calm and gusty), and -0.2 and 0.02 of two that were not there.
 _SHARE = 0.5
@@ -28,10 +22,9 @@ def is_found_by_states(setting: Setting, flight: Reconstruction) -> bool:
     known = air_data_errors(flight.aircraft, flight.samples)
     if not known:
         return True
-    name, kind = _NAMES[sensor]
     if quantity == "scale":
         here = setting.value / setting.nominal - 1.0
-        there = scale_of(known, flight.samples, name, kind) - 1.0
+        there = scale_of(known, flight.samples, AIR_DATA[sensor]) - 1.0
     else:
-        here, there = setting.value - setting.nominal, -offset_of(known, flight.samples, name, kind).value
+        here, there = setting.value - setting.nominal, -offset_of(known, flight.samples, AIR_DATA[sensor]).value
     return there * here >= _SHARE * here**2

@@ -25,7 +25,7 @@ LONGEST = 120.0
 #: Sensors of the motion over ground, the attitude besides.
 OF_MOTION = {"imu": Kind.IMU, "gps": Kind.GPS_VELOCITY}
 #: Errors of the air data that feign a wind.
-OF_WIND = ("scale", "offset", "drift")
+_OF_WIND = ("scale", "offset", "drift")
 #: What makes a sensor, or what servos move, late.
 _LATE = ("delay", "lag")
 #: Where a probe ahead is, and how late air data are.
@@ -34,7 +34,7 @@ AHEAD, AIR_DATA_LAG = ("air_data_position", "x"), ("sensors", "air_data", "delay
 
 def feigns_wind(setting: tuple[str, ...]) -> bool:
     """Whether a setting is a scale, an offset or a drift of the air data."""
-    return setting[-1] in OF_WIND and setting[1] in AIR_DATA
+    return setting[-1] in _OF_WIND and setting[1] in AIR_DATA
 
 
 @dataclass(frozen=True)

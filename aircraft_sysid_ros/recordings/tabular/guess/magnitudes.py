@@ -6,7 +6,7 @@ import numpy as np
 
 from aircraft_sysid_ros.recordings.tabular.guess.flight_columns import FASTEST, SLOWEST, Flight, G
 from aircraft_sysid_ros.recordings.tabular.guess.laws_of_one import CANDIDATES
-from aircraft_sysid_ros.recordings.tabular.guess.series import SPEEDS, Array, Column
+from aircraft_sysid_ros.recordings.tabular.guess.series import SPEEDS, Column
 from aircraft_sysid_ros.recordings.tabular.signals import VECTORS
 from aircraft_sysid_ros.recordings.tabular.units import conversion
 from aircraft_sysid_ros.samples import share_below_zero
@@ -17,25 +17,26 @@ SURFACES = ("elevator", "aileron", "rudder", "flaps")
 
 def by_values(flight: Flight) -> None:
     """What magnitudes alone show."""
-    for signal, column in flight.columns.items():
-        if not len(flight.columns[signal].numbers):
+    for column in flight.columns.values():
+        if not len(column.numbers):
             column.doubt = "it holds no numbers"
     _no_airspeeds(flight)
     _gravity(flight)
     for signal in ("latitude", "longitude"):
         if flight.has(signal):
-            _place(flight.columns[signal], flight.columns[signal].numbers)
+            _place(flight.columns[signal])
     _place_in_radians(flight)
     if flight.has("static_pressure"):
-        _pressure(flight.columns["static_pressure"], flight.columns["static_pressure"].numbers)
-    if flight.has("air_density") and not flight.columns["air_density"].unit:
-        median = float(np.median(flight.columns["air_density"].numbers))
+        _pressure(flight.columns["static_pressure"])
+    density, throttle = (flight.columns.get(signal) for signal in ("air_density", "throttle"))
+    if density is not None and not density.unit:
+        median = float(np.median(density.numbers))
         if 0.3 < median < 1.5 or 0.0006 < median < 0.0029:
-            flight.columns["air_density"].take_unit("kg/m^3" if median > 0.1 else "slug/ft^3", f"it is {median:.3g}")
-    if flight.has("throttle") and not flight.columns["throttle"].unit:
-        most = float(np.max(flight.columns["throttle"].numbers))
+            density.take_unit("kg/m^3" if median > 0.1 else "slug/ft^3", f"it is {median:.3g}")
+    if throttle is not None and not throttle.unit:
+        most = float(np.max(throttle.numbers))
         if 0.0 < most <= 1.1 or 3.0 < most <= 110.0:
-            flight.columns["throttle"].take_unit("1" if most <= 1.1 else "%", f"it goes up to {most:.3g}")
+            throttle.take_unit("1" if most <= 1.1 else "%", f"it goes up to {most:.3g}")
     for signals in (ATTITUDE, ("angle_of_attack", "sideslip"), SURFACES):
         _degrees(flight, signals)
     _degrees_per_second(flight)
@@ -76,10 +77,10 @@ def _gravity(flight: Flight) -> None:
             column.unit = ""
 
 
-def _place(column: Column, values: Array) -> None:
+def _place(column: Column) -> None:
     if column.unit:
         return
-    most = float(np.max(np.abs(values)))
+    most = float(np.max(np.abs(column.numbers)))
     limit = 90.0 if column.signal == "latitude" else 180.0
     if 1e6 < most < limit * 1.0001e7:
         column.take_unit("1e-7 deg", f"it is {most:.6g}")
@@ -106,8 +107,8 @@ def _place_in_radians(flight: Flight) -> None:
             return
 
 
-def _pressure(column: Column, values: Array) -> None:
-    median = float(np.median(values))
+def _pressure(column: Column) -> None:
+    median = float(np.median(column.numbers))
     fitting = [u for u in CANDIDATES["Pa"] if 68_000.0 < median * conversion(u, "Pa").factor < 106_000.0]
     if not column.unit and len(fitting) == 1:
         column.take_unit(fitting[0], f"it is {median:.4g}, the air below 3000 m")
@@ -119,7 +120,8 @@ def _degrees(flight: Flight, signals: tuple[str, ...]) -> None:
     for signal in signals:
         if not flight.has(signal) or flight.columns[signal].doubt:
             continue
-        column, most = flight.columns[signal], float(np.percentile(np.abs(flight.columns[signal].numbers), 99.9))
+        column = flight.columns[signal]
+        most = float(np.percentile(np.abs(column.numbers), 99.9))
         if signal == "attitude.yaw" and most > limits[signal] and _counts_turns(column):
             continue  # laws tell its unit
         whole = 361.0 if signal == "attitude.yaw" else 181.0 if signal == "attitude.roll" else 95.0
@@ -135,7 +137,7 @@ _NINE_TURNS = 60.0
 
 def _counts_turns(yaw: Column) -> bool:
     """Whether a heading goes on through north, in degrees or in radians: it goes beyond a turn, and never jumps."""
-    values = yaw.values[np.isfinite(yaw.values)]
+    values = yaw.numbers
     spread, most = float(np.ptp(values)), float(np.max(np.abs(values)))
     turn = 361.0 if spread > 361.0 else 6.4
     goes_beyond = spread > turn and (turn > 6.4 or most < _NINE_TURNS)
@@ -143,8 +145,8 @@ def _counts_turns(yaw: Column) -> bool:
 
 
 def _degrees_per_second(flight: Flight) -> None:
-    there = [signal for signal in RATES if flight.has(signal) and len(flight.columns[signal].numbers)]
-    most = max((float(np.percentile(np.abs(flight.columns[signal].numbers), 99.0)) for signal in there), default=0.0)
+    there = [flight.columns[signal] for signal in RATES if flight.has(signal) and len(flight.columns[signal].numbers)]
+    most = max((float(np.percentile(np.abs(column.numbers), 99.0)) for column in there), default=0.0)
     if most > 15.0:
-        for signal in there:
-            flight.columns[signal].take_unit("deg/s", f"the rates go up to {most:.3g}, too fast for rad/s")
+        for column in there:
+            column.take_unit("deg/s", f"the rates go up to {most:.3g}, too fast for rad/s")
