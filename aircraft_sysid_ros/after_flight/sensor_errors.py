@@ -14,10 +14,9 @@ from typing import Any
 import numpy as np
 
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
-from aircraft_sysid_ros.diagnosis.flight.constant_errors import NAMES, air_data_errors, offset_of
+from aircraft_sysid_ros.diagnosis.flight.constant_errors import NAMES, air_data_errors, is_told, offset_of
 from aircraft_sysid_ros.diagnosis.flight.reconstruction import AIR_DATA, as_flown
 from aircraft_sysid_ros.reconstruction.absences import has_airspeed
-from aircraft_sysid_ros.reconstruction.air_data_errors import UNKNOWN_STD_OF
 from aircraft_sysid_ros.reconstruction.alignment import ACCELEROMETER_BIAS_STD, GYRO_BIAS_STD
 from aircraft_sysid_ros.samples import Kind, Samples
 
@@ -44,11 +43,10 @@ def _of_air_data(known: Mapping[str, Mapping[str, float]], samples: Samples, cal
             continue
         scale = known[f"lambda_{name}"]
         gain = 1.0 / (1.0 + scale["value"])  # y_true = (1 + lambda) y + b
-        is_told = scale["std"] < LEARNT * UNKNOWN_STD_OF[f"lambda_{name}"]
-        yield _row(f"{sensor}.scale", gain, scale["std"] * gain**2, is_told and calm)
+        yield _row(f"{sensor}.scale", gain, scale["std"] * gain**2, is_told(known, f"lambda_{name}", LEARNT) and calm)
         if kind != Kind.AIRSPEED:
             offset, std, _ = offset_of(known, samples, kind)
-            yield _row(f"{sensor}.offset", -offset, std, std < LEARNT * UNKNOWN_STD_OF[f"b_{name}"])
+            yield _row(f"{sensor}.offset", -offset, std, is_told(known, f"b_{name}", LEARNT))
 
 
 def _of_imu(state: Mapping[str, Any]) -> Iterator[Row]:

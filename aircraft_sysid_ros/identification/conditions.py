@@ -70,6 +70,11 @@ class LearntConditions:
         """New samples (m, …) of ``CoefficientSample``, m > 0."""
         self._newest = _follow(samples, self._newest, self.ranges, self.seconds, self._seen)
 
+    def learn_anew(self, axis: int, samples: Array) -> None:
+        """An axis has changed: of what it learnt from, these samples (m, …) are left."""
+        steps = np.diff(samples[:, _TIME])
+        self.seconds[axis] = np.minimum(steps, _LONGEST_STEP).sum()
+
     def signals_of(self, model: AerodynamicModel, axis: int) -> tuple[tuple[str, ...], list[str]]:
         """Signals that an axis needs, and those of them that no sample of the flight had."""
         used = model.signals_of_axes[axis]

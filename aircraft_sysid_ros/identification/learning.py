@@ -300,6 +300,7 @@ class Learning:
             self.least_squares.reset_axis(reset)
             if not reset.is_beside:
                 self.undescribed.learn_anew(reset.axis)
+                self.conditions.learn_anew(reset.axis, reset.samples)
             if reset.is_again or reset.is_beside:
                 continue
             self.integrity.note_change(reset.axis, time, reset.is_news)

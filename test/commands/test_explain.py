@@ -229,13 +229,14 @@ def test_where_nothing_tells_the_angles_of_flow_no_manoeuvre_is_asked_for(aircra
     absent = ("angle_of_attack", "missing", "info", "not in the recording: it must come from attitude and flight path")
     unknown, model = dict.fromkeys(aircraft.model.parameter_names, "too uncertain"), aircraft.model
 
-    def said(seconds, *findings):
+    def said(seconds, *findings, lasts=300.0):
         flight = SimpleNamespace(time=np.arange(0.0, seconds, 0.1), signal=lambda name: np.array([15.0, 16.0]))
         few = SimpleNamespace(unknown=unknown, aircraft=aircraft, model=model, flight=flight)
-        return " ".join(next_flights(check_json(*findings), few, (), None))
+        return " ".join(next_flights(check_json(*findings) | {"duration": lasts}, few, (), None))
 
     assert "doublets" in said(300.0, absent) and TELL_FLOW not in said(300.0, absent)
     assert "doublets" not in said(4.0, absent) and TELL_FLOW in said(4.0, absent)
+    assert "doublets" in said(4.0, absent, lasts=9.0)  # the flight is short, whatever tells them
     assert "doublets" in said(4.0)  # vanes tell them
 
 

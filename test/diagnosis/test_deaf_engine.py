@@ -148,6 +148,7 @@ def test_it_is_said_in_the_place_of_the_moment(monkeypatch, aircraft):
     (candidate,) = said["candidates"]
     assert said["verdict"] == "missing" and candidate["effect"] == "airspeed_scale" and candidate["found"]
     assert not candidate["is_to_add"] and candidate["terms"] == {} and "from 200.0 s" in candidate["where"]
+    assert candidate["input"] is None and candidate["inner"] == {"t0": 200.0}
     assert said["advice"].startswith("By GPS and a steady wind the airspeed reads 0.8")
     assert "pitching moment" not in said["advice"]
 

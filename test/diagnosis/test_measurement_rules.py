@@ -240,6 +240,8 @@ def test_a_scale_that_a_filter_with_the_errors_as_states_denies_is_none(aircraft
         setting = replace(setting_of(BY_ID["alpha_scale"], scale), nominal=1.0)
         assert other_judge.is_found_by_states(setting, flight) is agrees, scale
     assert other_judge.is_found_by_states(setting_of(BY_ID["probe_offset"], 0.3), flight)
+    found["lambda_alpha"]["std"] = 0.15  # of 0.2 before the flight: no witness
+    assert other_judge.is_found_by_states(replace(setting_of(BY_ID["alpha_scale"], 1.14), nominal=1.0), flight)
     found.clear()  # a flight in pieces
     assert other_judge.is_found_by_states(replace(setting_of(BY_ID["alpha_scale"], 1.14), nominal=1.0), flight)
 

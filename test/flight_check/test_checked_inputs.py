@@ -9,6 +9,7 @@ import yaml
 from aircraft_sysid_ros.aircraft.configuration import aircraft_from_dict
 from aircraft_sysid_ros.commands.main import main
 from aircraft_sysid_ros.flight_check.check import check
+from aircraft_sysid_ros.flight_check.laws.values import saturated
 from aircraft_sysid_ros.flight_check.signals import flight_of
 from aircraft_sysid_ros.pipeline import Pipeline
 from aircraft_sysid_ros.samples import Kind, Samples
@@ -172,3 +173,13 @@ def test_the_command_looks_at_them_with_an_aircraft_file_and_names_them_without(
     assert main(["check", str(tmp_path / "bag"), "--aircraft", str(tmp_path / "plane.yaml")]) == 0
     out = capsys.readouterr().out
     assert "inputs.{trim_tab,spoiler}" in out and "Cm_trim_tab" in out.split("not shown")[0]
+
+
+def test_a_noisy_input_at_its_stop_is_no_sensor_whose_range_ends():
+    """The command of a stuck elevon ran into its limit: `explain` had asked for a sensor of a larger range."""
+    time = np.arange(0.0, 40.0, 0.02)
+    values = np.clip(0.3 * np.sin(time) + 0.01 * np.random.default_rng(1).normal(size=len(time)), -0.2, 0.2)
+    for name, severity, words in (("inputs.elevon", "info", "a control at its stop"), ("q", "warning", "larger range")):
+        found = saturated(name, values, time)
+        assert {finding.severity for finding in found} == {severity}
+        assert len(found) == 2 and all(words in finding.sentence for finding in found)

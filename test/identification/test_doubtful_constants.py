@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from aircraft_sysid_ros.identification.coefficients.layout import CoefficientSample
+from aircraft_sysid_ros.identification.conditions import LearntConditions
 from aircraft_sysid_ros.identification.doubtful_constants import DoubtfulConstants
 from aircraft_sysid_ros.identification.learning import LEAST_INFERRED
 from aircraft_sysid_ros.identification.parameter_set import ParameterEstimate, ParameterSet
@@ -105,3 +106,12 @@ def test_seconds_in_which_wind_and_attitude_tell_an_angle_are_too_few_to_use_wha
     assert 5.0 < seconds[0] < LEAST_INFERRED < seconds[1]
     assert len(reasons[0]) == len(aircraft.model.parameter_names) and used[0] == 0
     assert not reasons[1] and used[1] > 3
+
+
+def test_an_axis_that_changed_has_been_shown_an_angle_since_then_alone():
+    conditions = LearntConditions()
+    samples = np.zeros((600, CoefficientSample.TERMS))
+    samples[:, CoefficientSample.TIME], samples[:, CoefficientSample.LEARNT] = np.arange(600) * 0.1, 1.0
+    conditions.add(samples)
+    conditions.learn_anew(2, samples[-31:])
+    assert conditions.seconds == pytest.approx([59.9, 59.9, 3.0, 59.9, 59.9, 59.9])

@@ -132,7 +132,7 @@ def _for_parameters(
         if unknown and learnt.aircraft.unsaid:
             keys = listed(unsaid_keys(learnt.aircraft))
             yield f"Measure where the sensors are and write {keys} into the aircraft file: errors are wider for it."
-        if unknown and (seconds := _seconds_of_flow(check, learnt)) < THRESHOLDS.shortest:
+        if unknown and (seconds := _seconds_of_flow(check, learnt)) < THRESHOLDS.shortest <= check["duration"]:
             yield (
                 f"First let something tell the angles of flow, which are known for {seconds:.0f} s here: {TELL_FLOW}; "
                 "give the filter the attitude, too, if the log has one. Without that no manoeuvre shows more."

@@ -37,6 +37,8 @@ POSSIBLE = (0.5, 1.6)
 _BESIDE, _FLYING = 2.0, 0.5
 #: How far about the time that moments have [s] the begin of a lasting step is looked for, and how finely.
 SEARCHED, _GRID = 60.0, 5.0
+#: Twice the ln of the likelihood that two standard errors cost.
+_TWO_SIGMA = 4.0
 #: Blocks that are needed within the times and in the rest, and steps of least squares.
 _FEWEST, _STEPS = 2, 20
 
@@ -68,15 +70,30 @@ def airspeed_step(samples: Samples, times: Sequence[Times]) -> AirspeedStep | No
     known = read > _FLYING * np.median(read)
     time, velocity, read = time[known], velocity[known], read[known]
     told = _told(time, velocity, read, times)
-    if told is None or len(times) > 1 or times[0].end is not None:
+    if len(times) > 1 or times[0].end is not None:
         return told
-    begins = times[0].begin + np.arange(-SEARCHED, SEARCHED + 1.0, _GRID)
-    others = [Times(float(begin), None, _GRID, 0.0) for begin in begins]
-    left = [_misfit(time, velocity, read, other) for other in others]
-    best = others[int(np.argmin(left))]
-    if abs(best.begin - times[0].begin) <= _GRID:
+    begin = _begin(time, velocity, read, times[0].begin)
+    if begin is None or abs(begin.begin - times[0].begin) <= max(begin.begin_error, times[0].begin_error):
         return told
-    return _told(time, velocity, read, (best,)) or told
+    return _told(time, velocity, read, (begin,)) or told
+
+
+def _begin(time: Array, velocity: Array, read: Array, about: float) -> Times | None:
+    """From when on the airspeed has a step that lasts, about a time [s]; None where it may be farther from that.
+
+    Its error is half of the span in which begins are as likely as two standard errors allow; a block of the residuals
+    counts as one measurement.
+    """
+    begins = about + np.arange(-SEARCHED, SEARCHED + 1.0, _GRID)
+    left = np.array([_misfit(time, velocity, read, Times(float(begin), None, _GRID, 0.0)) for begin in begins])
+    best = int(np.argmin(left))
+    if not np.isfinite(left[best]):
+        return None
+    likely = np.flatnonzero(len(np.unique(blocks_of(time))) * np.log(left / left[best]) <= _TWO_SIGMA)
+    if likely[0] == 0 or likely[-1] == len(begins) - 1 or not np.isfinite(left[[likely[0] - 1, likely[-1] + 1]]).all():
+        return None
+    span = max(begins[likely[-1]] - begins[likely[0]], 2.0 * _GRID)
+    return Times(float(begins[best]), None, float(span / 2.0), 0.0)
 
 
 def _told(time: Array, velocity: Array, read: Array, times: Sequence[Times]) -> AirspeedStep | None:

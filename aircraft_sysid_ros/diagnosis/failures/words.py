@@ -191,14 +191,14 @@ def change_json(change: UnrecordedChange, report: FailureReport) -> dict[str, An
     }
 
 
-def _of_airspeed(step: AirspeedStep) -> dict[str, Any]:
-    """What is otherwise of a change of moments that the airspeed makes: no term of the model stands for it."""
+def _of_airspeed(step: AirspeedStep, report: FailureReport) -> dict[str, Any]:
+    """What is otherwise of a change of moments that the airspeed makes: no term or input of the model stands for it."""
     effect = BY_ID["airspeed_scale"]
     return {
         "effect": effect.identifier, "label": effect.identifier, "name": effect.name, "kind": MEASUREMENT,
         "physics": effect.physics, "manoeuvre": effect.manoeuvre, "expression": None, "terms": {}, "axes": [],
         "confounded_with": [], "where": f"it reads {step.ratio:.3f} ± {step.std:.3f} of the rest {span_of(step)}",
-        "is_to_add": False,
+        "is_to_add": False, "input": None, **_dated(step.times, report),
     }  # fmt: skip
 
 
@@ -228,11 +228,6 @@ def _shown(
     failure: Episode, terms: dict[str, list[str]], rivals: Sequence[str], report: FailureReport
 ) -> dict[str, Any]:
     """What the flight shows of it, and the terms that ``add`` adds."""
-    inner, errors = dict[str, float](), dict[str, float]()
-    for number, times in enumerate(failure.times):
-        inner |= {f"t{2 * number}": times.begin} | ({} if times.end is None else {f"t{2 * number + 1}": times.end})
-        errors |= {f"t{2 * number}": times.begin_error, f"t{2 * number + 1}": times.end_error}
-    begin = int(report.balance.begin)
     return {
         "expression": "; ".join(f"{axis}: {text}" for axis, texts in terms.items() for text in texts) or None,
         "axes": sorted(failure.gains, key=lambda axis: -failure.gains[axis]),
@@ -243,12 +238,24 @@ def _shown(
         "error_after": failure.error_after,
         "confounded_with": list(rivals),
         "where": f"{failure.main_axis[0]}_{failure.main_axis[1]}, {span_of(failure)}",
-        "inner": inner,
-        "inner_error": {name: errors[name] for name in inner},
-        "stamps": {key: begin + int(1e9 * time) for key, time in inner.items()},
+        **_dated(failure.times, report),
         "terms": terms,
         "parameters": [],
         "found": True,
+    }
+
+
+def _dated(episodes: Sequence[Times], report: FailureReport) -> dict[str, Any]:
+    """Begins and ends, in seconds of the flight with their errors and as stamps."""
+    inner, errors = dict[str, float](), dict[str, float]()
+    for number, times in enumerate(episodes):
+        inner |= {f"t{2 * number}": times.begin} | ({} if times.end is None else {f"t{2 * number + 1}": times.end})
+        errors |= {f"t{2 * number}": times.begin_error, f"t{2 * number + 1}": times.end_error}
+    begin = int(report.balance.begin)
+    return {
+        "inner": inner,
+        "inner_error": {name: errors[name] for name in inner},
+        "stamps": {key: begin + int(1e9 * time) for key, time in inner.items()},
     }
 
 
@@ -258,9 +265,9 @@ def candidates_of(report: FailureReport) -> Iterator[tuple[dict[str, Any], Episo
         yield candidate_json(failure, report), failure
     if report.changed is not None:
         said = change_json(report.changed, report)
-        yield {**said, **(_of_airspeed(report.airspeed) if report.airspeed else {})}, report.changed
+        yield {**said, **(_of_airspeed(report.airspeed, report) if report.airspeed else {})}, report.changed
     elif report.unexplained is not None and report.airspeed is not None:
-        yield {**unlike_json(report.unexplained, report), **_of_airspeed(report.airspeed)}, report.unexplained
+        yield {**unlike_json(report.unexplained, report), **_of_airspeed(report.airspeed, report)}, report.unexplained
 
 
 def report_json(report: FailureReport, notes: list[str]) -> dict[str, Any]:

@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
+from aircraft_sysid_ros.reconstruction.air_data_errors import UNKNOWN_STD_OF
 from aircraft_sysid_ros.reconstruction.options import StateOptions
 from aircraft_sysid_ros.reconstruction.state_estimator import StateEstimator
 from aircraft_sysid_ros.samples import Kind, Samples
@@ -37,6 +38,11 @@ def air_data_errors(aircraft: Aircraft, samples: Samples) -> dict[str, dict[str,
     estimator.push(samples)
     estimator.flush()
     return estimator.air_data_errors
+
+
+def is_told(known: Mapping[str, Mapping[str, float]], name: str, share: float) -> bool:
+    """Whether a flight has left less than a share of the standard deviation that an error had before it."""
+    return known[name]["std"] < share * UNKNOWN_STD_OF[name]
 
 
 def offset_of(known: Mapping[str, Mapping[str, float]], samples: Samples, kind: Kind) -> Offset:

@@ -159,6 +159,11 @@ def _commanded(name: str, values: Array) -> list[Finding]:
     return []
 
 
+#: What a flat top means: of an input and of a sensor.
+_AT_STOP = "a command that is limited ends there, as a control at its stop does; if it is a sensor, its range does"
+_NO_RANGE = "the sensor's range ends there, leave these stretches out or choose a larger range"
+
+
 def saturated(name: str, values: Array, time: Array) -> list[Finding]:
     """Flat tops: the extreme value again and again, one after another, and far more often than the value beside it."""
     levels, counts = np.unique(values, return_counts=True)
@@ -172,11 +177,11 @@ def saturated(name: str, values: Array, time: Array) -> list[Finding]:
         times = counts[end] / max(float(np.max(counts[beside], initial=1)), 1.0)
         if counts[end] >= _FLAT and max(runs) >= LEAST_RUN * usual and times >= _TIMES:
             first = float(time[np.argmax(at)])
+            severity, why = (INFO, _AT_STOP) if name.startswith(INPUTS) else (WARNING, _NO_RANGE)
             found.append(Finding(
-                (name,), "saturated", WARNING,
+                (name,), "saturated", severity,
                 f"it stands at its {'largest' if end else 'smallest'} value, {levels[end]:.4g}, for up to {max(runs)} "
-                f"samples at a time ({counts[end]} in all, first at {first:.1f} s): the sensor's range ends there, "
-                "leave these stretches out or choose a larger range",
+                f"samples at a time ({counts[end]} in all, first at {first:.1f} s): {why}",
             ))  # fmt: skip
     return found
 
