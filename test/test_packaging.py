@@ -274,6 +274,12 @@ def test_colcon_finds_both_packages_in_the_checkout_without_options():
     }
 
 
+def test_the_release_tree_holds_what_its_package_names(release_tree):
+    """rosdoc2 ends at once where the file is not there."""
+    (named,) = package_xml("package.xml").iter("rosdoc2")
+    assert (release_tree / "aircraft_sysid_ros" / named.text).is_file()
+
+
 def test_the_release_tree_is_not_written_over_anything(release_tree):
     command = [ROOT / "tools/release_tree.sh", sys.executable, release_tree]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
