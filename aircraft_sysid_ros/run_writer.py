@@ -41,7 +41,7 @@ from aircraft_sysid_ros.reconstruction.absences import absences
 from aircraft_sysid_ros.reconstruction.found_noise import noise_json, noise_notes
 from aircraft_sysid_ros.reconstruction.ground_speed_wind import contradicted_calm
 from aircraft_sysid_ros.reconstruction.state import StateField, status_text
-from aircraft_sysid_ros.reconstruction.state_estimator import StateEstimator, nanoseconds
+from aircraft_sysid_ros.reconstruction.state_estimator import StateEstimator
 from aircraft_sysid_ros.recordings.writer import RecordingWriter
 from aircraft_sysid_ros.ros_messages import output_messages as out
 from aircraft_sysid_ros.run_reader import (
@@ -55,6 +55,7 @@ from aircraft_sysid_ros.run_reader import (
     corrected_note,
 )
 from aircraft_sysid_ros.samples import Samples, concatenate
+from aircraft_sysid_ros.stamps import nanoseconds
 from aircraft_sysid_ros.text_file import put_in_place, write_whole
 
 Array = npt.NDArray[np.float64]

@@ -25,13 +25,13 @@ from aircraft_sysid_ros.identification.options import ParameterOptions
 from aircraft_sysid_ros.identification.parameter_set import ParameterSet
 from aircraft_sysid_ros.identification.trust import Trust
 from aircraft_sysid_ros.pipeline import Pipeline
-from aircraft_sysid_ros.reconstruction.state_estimator import nanoseconds
 from aircraft_sysid_ros.refinement.refine import RefineOptions, refine
 from aircraft_sysid_ros.refinement.run_data import RunData
 from aircraft_sysid_ros.simulation.dynamics import ATTITUDE, RATES, VELOCITY, Effect, motion
 from aircraft_sysid_ros.simulation.flight import Setup, prepare
 from aircraft_sysid_ros.simulation.manoeuvres import AILERON, ELEVATOR, RUDDER, THROTTLE, flight_plan
 from aircraft_sysid_ros.simulation.simulated_flight import SimulatedFlight, simulate_samples
+from aircraft_sysid_ros.stamps import nanoseconds
 
 Array = npt.NDArray[np.float64]
 Record = dict[str, Any]

@@ -8,7 +8,7 @@ import pytest
 from aircraft_sysid_ros.pipeline import Pipeline
 from aircraft_sysid_ros.reconstruction.smoother_history import SmootherHistory
 from aircraft_sysid_ros.reconstruction.state import StateField
-from aircraft_sysid_ros.reconstruction.state_estimator import StateEstimator, epoch_of
+from aircraft_sysid_ros.reconstruction.state_estimator import StateEstimator
 from aircraft_sysid_ros.samples import (
     PAUSE,
     SAME_FLIGHT,
@@ -20,6 +20,7 @@ from aircraft_sysid_ros.samples import (
     manoeuvre_at,
     manoeuvres,
 )
+from aircraft_sysid_ros.stamps import epoch_of
 
 SECOND = 10**9
 DAY = 86_400.0

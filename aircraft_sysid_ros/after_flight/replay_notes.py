@@ -32,12 +32,13 @@ from aircraft_sysid_ros.reconstruction.alignment import LARGEST_GAP
 from aircraft_sysid_ros.reconstruction.found_noise import found_noise, noise_notes
 from aircraft_sysid_ros.reconstruction.ordering import LARGEST_LEAP
 from aircraft_sysid_ros.reconstruction.state import SUSPECTED, contradiction_text
-from aircraft_sysid_ros.reconstruction.state_estimator import StateEstimator, nanoseconds
+from aircraft_sysid_ros.reconstruction.state_estimator import StateEstimator
 from aircraft_sysid_ros.recordings.manoeuvres import Body, Manoeuvre
 from aircraft_sysid_ros.recordings.reader import Recording
-from aircraft_sysid_ros.ros_messages.conversion import INPUTS_TOPIC, NANOSECONDS
+from aircraft_sysid_ros.ros_messages.conversion import INPUTS_TOPIC
 from aircraft_sysid_ros.run_writer import RunWriter
 from aircraft_sysid_ros.samples import SAME_FLIGHT, Kind, Samples, is_absurd, manoeuvre_at, manoeuvres
+from aircraft_sysid_ros.stamps import NANOSECONDS, nanoseconds
 
 #: What the filter can start with beside the IMU, by kind of sample: name, topic, and what is wrong with samples that
 #: are invalid.

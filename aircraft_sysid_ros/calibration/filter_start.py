@@ -27,8 +27,8 @@ from aircraft_sysid_ros.estimation.two_stage.problem import Problem
 from aircraft_sysid_ros.estimation.two_stage.residual_sampling import Progress, candidates, sample_residuals
 from aircraft_sysid_ros.estimation.two_stage.sampling import Prior
 from aircraft_sysid_ros.reconstruction.air_data_errors import UNKNOWN_STD, StartValues
-from aircraft_sysid_ros.reconstruction.ordering import NANOSECONDS
 from aircraft_sysid_ros.samples import Kind, Samples
+from aircraft_sysid_ros.stamps import NANOSECONDS
 
 Array = npt.NDArray[np.float64]
 

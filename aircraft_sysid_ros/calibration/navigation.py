@@ -17,11 +17,11 @@ from aircraft_sysid_ros.aircraft.frames import rotation_matrices
 from aircraft_sysid_ros.aircraft.sensor_settings import by_name
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.reconstruction.found_noise import FLIGHT, found_noise, stated_and_shown
-from aircraft_sysid_ros.reconstruction.ordering import NANOSECONDS
 from aircraft_sysid_ros.reconstruction.smoother_history import SmootherHistory
 from aircraft_sysid_ros.reconstruction.state import D_ATTITUDE, StateField
-from aircraft_sysid_ros.reconstruction.state_estimator import StateEstimator, seconds
+from aircraft_sysid_ros.reconstruction.state_estimator import StateEstimator
 from aircraft_sysid_ros.samples import REQUIRED_VALUES, Kind, Samples, is_absurd
+from aircraft_sysid_ros.stamps import NANOSECONDS, seconds
 
 Array = npt.NDArray[np.float64]
 

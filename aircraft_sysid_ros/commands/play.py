@@ -30,7 +30,7 @@ from aircraft_sysid_ros.installation import missing_ros, start_ros, stay_local
 from aircraft_sysid_ros.recordings.playback import Schedule, every
 from aircraft_sysid_ros.recordings.raw_messages import RawMessages
 from aircraft_sysid_ros.recordings.storage import read_raw
-from aircraft_sysid_ros.ros_messages.conversion import NANOSECONDS
+from aircraft_sysid_ros.stamps import NANOSECONDS
 
 BEST_EFFORT_DEPTH = 100
 #: How long [s] to wait at a time for subscribers that are behind.

@@ -8,8 +8,8 @@ before, with none of the old clock in between. So is a model that comes back rig
 from __future__ import annotations
 
 from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.stamps import NANOSECONDS
 
-NANOSECONDS = 1_000_000_000
 #: A stamp that is off by this [s] or more leaps; a model that was replaced more lately has not come back by itself.
 LEAP = 10.0
 #: Messages running after which they are believed.

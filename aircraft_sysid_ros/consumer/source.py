@@ -34,10 +34,11 @@ import numpy.typing as npt
 
 from aircraft_sysid_ros.consumer.condition_table import ConditionTable
 from aircraft_sysid_ros.consumer.flown_condition import FlownCondition, in_words
-from aircraft_sysid_ros.consumer.sender import NANOSECONDS, Sender
+from aircraft_sysid_ros.consumer.sender import Sender
 from aircraft_sysid_ros.consumer.snapshot import Condition, Snapshot, snapshot_of
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.identification.trust import Trust
+from aircraft_sysid_ros.stamps import NANOSECONDS
 
 Array = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]

@@ -18,7 +18,7 @@ from aircraft_sysid_ros.fleet.flights import Flight
 from aircraft_sysid_ros.installation import MissingExtra
 from aircraft_sysid_ros.recordings.autopilot_log import NO_DATE
 from aircraft_sysid_ros.recordings.raw_messages import printable
-from aircraft_sysid_ros.ros_messages.conversion import NANOSECONDS
+from aircraft_sysid_ros.stamps import NANOSECONDS
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -25,7 +25,7 @@ from aircraft_sysid_ros.flight_check.laws import vane_place
 from aircraft_sysid_ros.flight_check.laws.vane_place import Vane
 from aircraft_sysid_ros.flight_check.motion import Motion
 from aircraft_sysid_ros.flight_check.relation import Relation
-from aircraft_sysid_ros.flight_check.signals import NAMES, NANOSECONDS, Flight, VaneArm, flight_of, vane_arm
+from aircraft_sysid_ros.flight_check.signals import NAMES, Flight, VaneArm, flight_of, vane_arm
 from aircraft_sysid_ros.flight_check.wind_triangle import WindTriangle
 from aircraft_sysid_ros.flight_check.wind_triangle import warm_up as warm_up_triangle
 from aircraft_sysid_ros.kernels import njit
@@ -33,6 +33,7 @@ from aircraft_sysid_ros.reconstruction.options import StateOptions
 from aircraft_sysid_ros.reconstruction.state import CONTRADICTED, StateField, Status
 from aircraft_sysid_ros.reconstruction.state_estimator import BESIDE
 from aircraft_sysid_ros.samples import Kind, Samples, concatenate
+from aircraft_sysid_ros.stamps import NANOSECONDS
 
 Array = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]

@@ -18,9 +18,9 @@ from aircraft_sysid_ros.aircraft.named_inputs import NamedInput
 from aircraft_sysid_ros.aircraft.sensor_settings import DEFAULT_SENSORS
 from aircraft_sysid_ros.aircraft.unsaid_places import doubt_of_imu, doubt_of_vanes
 from aircraft_sysid_ros.samples import Kind, Samples
+from aircraft_sysid_ros.stamps import NANOSECONDS
 
 Array = npt.NDArray[np.float64]
-NANOSECONDS = 1e9
 
 FORCE = ("specific_force.x", "specific_force.y", "specific_force.z")
 GYRO = ("angular_velocity.x", "angular_velocity.y", "angular_velocity.z")

@@ -26,7 +26,6 @@ from aircraft_sysid_ros.mavlink.servo_mapping import MOTORS, ServoMapping
 from aircraft_sysid_ros.ros_messages.conversion import (
     INPUTS_TOPIC,
     INPUTS_TYPE,
-    NANOSECONDS,
     NO_FIX,
     TOPICS,
     UNKNOWN_VARIANCE,
@@ -39,6 +38,7 @@ from aircraft_sysid_ros.ros_messages.conversion import (
     input_fields,
     quaternion_enu_flu,
 )
+from aircraft_sysid_ros.stamps import NANOSECONDS
 
 ATTITUDE_TOPIC, WIND_TOPIC = "autopilot/attitude", "autopilot/wind"
 #: Topics besides the inputs: what the autopilot thinks, to compare with.

@@ -10,8 +10,8 @@ import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from aircraft_sysid_ros.mavlink.back_options import ARRAY_LENGTH, NAME_LENGTH, BackOptions
+from aircraft_sysid_ros.stamps import NANOSECONDS
 
-NANOSECONDS = 1_000_000_000
 ARRAY_NAME = "SYSID"
 #: Id of the array with the values, and of that with their standard errors.
 VALUES_ARRAY, ERRORS_ARRAY = 1, 2

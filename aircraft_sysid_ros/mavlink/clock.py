@@ -18,9 +18,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from aircraft_sysid_ros.stamps import NANOSECONDS
+
 Array = npt.NDArray[np.float64]
 
-NANOSECONDS = 1_000_000_000
 # One sigma.
 _DRIFT_STD = 1e-4  # of a crystal, [s/s]
 _FLOOR = 2e-5  # [s] of a time stamp

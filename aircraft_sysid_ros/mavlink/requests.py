@@ -10,8 +10,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.mavlink import esc_status
-
-NANOSECONDS = 1_000_000_000
+from aircraft_sysid_ros.stamps import NANOSECONDS
 
 
 @dataclass

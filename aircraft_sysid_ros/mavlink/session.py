@@ -21,8 +21,8 @@ from aircraft_sysid_ros.mavlink.mavlink_table import MAVLINK
 from aircraft_sysid_ros.mavlink.quantities import NAMED_VALUES, is_sound, readings_of
 from aircraft_sysid_ros.mavlink.requests import Requests
 from aircraft_sysid_ros.mavlink.servo_mapping import ServoMapping
+from aircraft_sysid_ros.stamps import NANOSECONDS
 
-NANOSECONDS = 1_000_000_000
 HEARTBEAT_PERIOD = 1.0  # [s]
 SYNC_PERIOD, FIRST_SYNC_PERIOD, FIRST_SYNCS = 1.0, 0.2, 10
 LOST_AFTER = 5.0  # [s] without a message

@@ -24,7 +24,8 @@ from rclpy.logging import get_logger
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
 
-NANOSECONDS = 1_000_000_000
+from aircraft_sysid_ros.stamps import NANOSECONDS
+
 #: Period [s] of the diagnostics.
 DIAGNOSTICS_PERIOD = 1.0
 #: Longest a loop waits for the next message [s] before it looks whether it should stop.

@@ -30,7 +30,6 @@ from aircraft_sysid_ros.nodes.model_services import DiagnosisOptions, ModelServi
 from aircraft_sysid_ros.nodes.options import NodeOption, When, node_options, options_from
 from aircraft_sysid_ros.reconstruction.options import LONGEST_WAIT
 from aircraft_sysid_ros.reconstruction.state import StateField
-from aircraft_sysid_ros.reconstruction.state_estimator import epoch_of, nanoseconds, seconds
 from aircraft_sysid_ros.ros_messages.conversion import INPUTS_TOPIC, message_fields, nanoseconds_of, to_samples
 from aircraft_sysid_ros.ros_messages.output_messages import (
     BASE_FRD,
@@ -38,6 +37,7 @@ from aircraft_sysid_ros.ros_messages.output_messages import (
     parameters_content,
     row_from_state,
 )
+from aircraft_sysid_ros.stamps import epoch_of, nanoseconds, seconds
 
 INPUTS = ("control_surfaces", "height_above_ground", "mass_properties")
 #: Heard for the vanes; kept by the first step.

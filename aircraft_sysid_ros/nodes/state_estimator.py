@@ -24,7 +24,7 @@ from aircraft_sysid_ros.nodes.sample_rates import SampleRates
 from aircraft_sysid_ros.reconstruction.found_noise import found_noise, found_wind_walk
 from aircraft_sysid_ros.reconstruction.options import StateOptions
 from aircraft_sysid_ros.reconstruction.state import STATUS_TEXT, StateField, status_text
-from aircraft_sysid_ros.reconstruction.state_estimator import BESIDE, StateEstimator, nanoseconds, warm_up
+from aircraft_sysid_ros.reconstruction.state_estimator import BESIDE, StateEstimator, warm_up
 from aircraft_sysid_ros.ros_messages.conversion import INPUTS_TOPIC, message_fields, to_samples
 from aircraft_sysid_ros.ros_messages.output_messages import (
     BASE,
@@ -36,6 +36,7 @@ from aircraft_sysid_ros.ros_messages.output_messages import (
     wind_fields,
 )
 from aircraft_sysid_ros.samples import Kind, Samples, concatenate
+from aircraft_sysid_ros.stamps import NANOSECONDS, nanoseconds
 
 IMU_TOPIC = "imu/data"
 INPUTS = (IMU_TOPIC, "imu/mag", "gps/fix", "gps/vel", "air_data")
@@ -129,7 +130,7 @@ class StateEstimatorNode(EstimatorNode):
         self._waiting.extend(samples)
         self._rates.add(samples)
         newest = int(samples[0].stamp[0]) if samples and samples[0].kind[0] == Kind.IMU else self._pushed_until
-        period = TOGETHER * self.estimator.options.horizon * common.NANOSECONDS
+        period = TOGETHER * self.estimator.options.horizon * NANOSECONDS
         is_due = newest != self._pushed_until and not 0 <= newest - self._pushed_until < period  # or the clock leapt
         if is_due or len(self._waiting) >= _MOST_TOGETHER:
             self._pushed_until = newest

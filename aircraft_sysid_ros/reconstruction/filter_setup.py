@@ -16,6 +16,7 @@ from aircraft_sysid_ros.reconstruction.sensor_noise import believed_variance
 from aircraft_sysid_ros.reconstruction.state import GUST_STD, NO_GUIDE, Setup
 from aircraft_sysid_ros.records import record, replaced
 from aircraft_sysid_ros.samples import Kind
+from aircraft_sysid_ros.stamps import NANOSECONDS
 
 Array = npt.NDArray[np.float64]
 
@@ -49,6 +50,19 @@ def sensor_scales(aircraft: Aircraft) -> Array:
     for kind, sensor in SENSOR_OF_KIND.items():
         scales[kind] = aircraft.sensors[sensor].scale
     return scales
+
+
+def sensor_delays(aircraft: Aircraft) -> Array:
+    """Delay [s] by kind, shape (kinds,)."""
+    delays = np.zeros(len(Kind))
+    for kind, sensor in SENSOR_OF_KIND.items():
+        delays[kind] = aircraft.sensors[sensor].delay
+    return delays
+
+
+def stamp_delays(aircraft: Aircraft) -> npt.NDArray[np.int64]:
+    """The same in whole nanoseconds, as they are taken off stamps."""
+    return np.asarray(np.rint(sensor_delays(aircraft) * NANOSECONDS).astype(np.int64))
 
 
 def gate_thresholds(sigma: float) -> Array:

@@ -15,8 +15,8 @@ import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.samples import REQUIRED_VALUES, Kind, Samples, concatenate, is_absurd
+from aircraft_sysid_ros.stamps import NANOSECONDS
 
-NANOSECONDS = 1_000_000_000
 #: An IMU stamp that leaps further ahead than this [ns] is believed only if the next one confirms it.
 LARGEST_LEAP = 120 * NANOSECONDS
 #: Two stamps this close [ns] confirm each other.

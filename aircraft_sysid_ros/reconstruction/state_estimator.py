@@ -23,17 +23,17 @@ from aircraft_sysid_ros.reconstruction.alignment import GPS, Alignment, keep_bia
 from aircraft_sysid_ros.reconstruction.drift import Drift
 from aircraft_sysid_ros.reconstruction.filter_setup import (
     CALM_STD,
-    SENSOR_OF_KIND,
     gate_thresholds,
     guide_of,
     learns_wind,
     new_setup,
+    sensor_delays,
     sensor_scales,
     with_options,
 )
 from aircraft_sysid_ros.reconstruction.gps_wait import GpsWait
 from aircraft_sysid_ros.reconstruction.options import StateOptions
-from aircraft_sysid_ros.reconstruction.ordering import NANOSECONDS, Released, TimeOrder
+from aircraft_sysid_ros.reconstruction.ordering import Released, TimeOrder
 from aircraft_sysid_ros.reconstruction.sample_loop import DIVERGED, RUNNING, run
 from aircraft_sysid_ros.reconstruction.sensor_noise import mean_tilt_error
 from aircraft_sysid_ros.reconstruction.smoother_history import STEP_WIDTH, SmootherHistory
@@ -70,6 +70,7 @@ from aircraft_sysid_ros.samples import (
     manoeuvres_in_turn,
     samples_of,
 )
+from aircraft_sysid_ros.stamps import NANOSECONDS, epoch_of, seconds
 
 Array = npt.NDArray[np.float64]
 Batch = tuple[Array, npt.NDArray[np.int64], Array]
@@ -79,36 +80,11 @@ Batch = tuple[Array, npt.NDArray[np.int64], Array]
 _USED = np.isin(np.arange(len(Kind)), (Kind.CONTROLS, Kind.HEIGHT, Kind.MASS, Kind.FIVE_HOLE, Kind.INPUTS), invert=True)
 #: Of those, what a watch sees: what moves the surfaces, and by them rolls the aeroplane.
 BESIDE = (Kind.CONTROLS, Kind.INPUTS)
-#: Stamps become seconds after a multiple of this, exact to 0.1 ns and the same in every process.
-_EPOCH_STEP = 2**20 * NANOSECONDS
 #: Share of what a pitch may be off that the constant of a vane is: at most 0.42 of it in eight flights whose attitude
 #: drifts by 0.7 deg and whose IMU has axes 0.2 deg out of line, 0.22 rms; turns tell the two apart for the rest.
 _OF_TILT = 0.4
 #: States that air data have a part in.
 _AIRBORNE = (Status.NO_GPS, *INFERRED)
-
-
-def epoch_of(stamp: int) -> int:
-    """Reference [ns] from which the seconds of a recording are counted."""
-    return stamp // _EPOCH_STEP * _EPOCH_STEP
-
-
-def seconds(stamp: npt.NDArray[np.int64], epoch: int) -> Array:
-    """Stamps [ns] as seconds after the epoch; ``nanoseconds`` gives them back exactly."""
-    return (stamp - epoch).astype(np.float64) / NANOSECONDS
-
-
-def nanoseconds(time: Array, epoch: int) -> npt.NDArray[np.int64]:
-    """Inverse of ``seconds``."""
-    return np.asarray(np.rint(np.asarray(time) * NANOSECONDS).astype(np.int64) + epoch)
-
-
-def sensor_delays(aircraft: Aircraft) -> Array:
-    """Delay [s] by kind, shape (kinds,)."""
-    delays = np.zeros(len(Kind))
-    for kind, sensor in SENSOR_OF_KIND.items():
-        delays[kind] = aircraft.sensors[sensor].delay
-    return delays
 
 
 class Sensors(NamedTuple):

@@ -15,7 +15,8 @@ from aircraft_sysid_ros.mavlink.quantities import Batch, Quantity, Reading, Tabl
 from aircraft_sysid_ros.mavlink.servo_mapping import ServoMapping
 from aircraft_sysid_ros.recordings.imported_log import ImportedLog, ImportedTopic
 from aircraft_sysid_ros.recordings.segment_list import Span
-from aircraft_sysid_ros.ros_messages.conversion import INPUTS_TOPIC, NANOSECONDS, TOPICS
+from aircraft_sysid_ros.ros_messages.conversion import INPUTS_TOPIC, TOPICS
+from aircraft_sysid_ros.stamps import NANOSECONDS
 
 #: Where a log without a date begins: 2000-01-01, Unix time [s].
 NO_DATE = 946_684_800

@@ -25,7 +25,7 @@ from aircraft_sysid_ros.recordings.autopilot_log import NO_DATE, LogContent, gps
 from aircraft_sysid_ros.recordings.imported_log import GPS_EPOCH, LATEST, SECONDS_PER_WEEK, ImportedLog
 from aircraft_sysid_ros.recordings.injections import MESSAGES, injections
 from aircraft_sysid_ros.recordings.losses import NO_CHECKSUMS
-from aircraft_sysid_ros.ros_messages.conversion import NANOSECONDS
+from aircraft_sysid_ros.stamps import NANOSECONDS
 
 _MAGIC = b"\xa3\x95"
 _HEADER = 3

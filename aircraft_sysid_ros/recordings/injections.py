@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.recordings.segment_list import Span
-from aircraft_sysid_ros.ros_messages.conversion import NANOSECONDS
+from aircraft_sysid_ros.stamps import NANOSECONDS
 
 MESSAGES = ("SIDS", "SIDD")
 #: Time [ns] that a manoeuvre has before its sweep and after it; two that are nearer share what is between them.

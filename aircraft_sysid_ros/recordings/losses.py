@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.recordings.raw_messages import Integers
-from aircraft_sysid_ros.ros_messages.conversion import NANOSECONDS
+from aircraft_sysid_ros.stamps import NANOSECONDS
 
 NO_CHECKSUMS = "the recording carries no checksums: a wrong bit inside a message cannot be seen"
 NOT_FINISHED = "the recording breaks off (the recorder did not finish it): read up to there"

@@ -19,8 +19,8 @@ import numpy as np
 from aircraft_sysid_ros.aircraft.named_inputs import NamedInput
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.recordings.reader import Recording, read_recording
-from aircraft_sysid_ros.ros_messages.conversion import NANOSECONDS
 from aircraft_sysid_ros.samples import SHORTEST, Kind, Samples, concatenate, joined, same_imu
+from aircraft_sysid_ros.stamps import NANOSECONDS
 from aircraft_sysid_ros.yaml_file import read_yaml
 
 KEYS = ("recording", "start", "stop", "name")

@@ -12,7 +12,7 @@ import numpy as np
 from aircraft_sysid_ros.recordings.cdr_layout import PRIMITIVES, Definitions, vector_components
 from aircraft_sysid_ros.recordings.message_definitions import PACKAGE, message_definitions
 from aircraft_sysid_ros.recordings.raw_messages import Channel
-from aircraft_sysid_ros.ros_messages.conversion import NANOSECONDS
+from aircraft_sysid_ros.stamps import NANOSECONDS
 
 if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore

@@ -17,13 +17,13 @@ from aircraft_sysid_ros.recordings.tables import names_of_inputs, table_of
 from aircraft_sysid_ros.ros_messages.conversion import (
     INPUTS_TOPIC,
     INPUTS_TYPE,
-    NANOSECONDS,
     TOPICS,
     USED_FIELDS,
     samples_and_rows,
     topics_of,
 )
 from aircraft_sysid_ros.samples import Samples, concatenate
+from aircraft_sysid_ros.stamps import NANOSECONDS
 
 #: No message holds more samples than this.
 _SAMPLES_PER_MESSAGE = 8

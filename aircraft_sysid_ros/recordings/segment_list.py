@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from aircraft_sysid_ros.recordings.writer import RecordingWriter
-from aircraft_sysid_ros.ros_messages.conversion import NANOSECONDS
+from aircraft_sysid_ros.stamps import NANOSECONDS
 
 
 class Span(NamedTuple):

@@ -15,7 +15,8 @@ from aircraft_sysid_ros.recordings import cdr_layout, joint_states
 from aircraft_sysid_ros.recordings.message_types import channel_types, flat_fields
 from aircraft_sysid_ros.recordings.raw_messages import Integers, RawMessages
 from aircraft_sysid_ros.recordings.storage import read_raw
-from aircraft_sysid_ros.ros_messages.conversion import INPUTS_TOPIC, INPUTS_TYPE, NANOSECONDS, USED_FIELDS
+from aircraft_sysid_ros.ros_messages.conversion import INPUTS_TOPIC, INPUTS_TYPE, USED_FIELDS
+from aircraft_sysid_ros.stamps import NANOSECONDS
 
 _OF_INPUTS = set(USED_FIELDS[INPUTS_TOPIC])
 _LOOKED_AT = 50

@@ -18,7 +18,7 @@ from aircraft_sysid_ros.mavlink.servo_mapping import ServoMapping
 from aircraft_sysid_ros.recordings.autopilot_log import NO_DATE, LogContent, import_content
 from aircraft_sysid_ros.recordings.imported_log import LATEST, ImportedLog
 from aircraft_sysid_ros.recordings.losses import NO_CHECKSUMS
-from aircraft_sysid_ros.ros_messages.conversion import NANOSECONDS
+from aircraft_sysid_ros.stamps import NANOSECONDS
 
 _ELEMENT = re.compile(r"^(\w+)\[(\d+)\]$")
 _GPS = ("sensor_gps", "vehicle_gps_position")

@@ -22,7 +22,8 @@ from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.recordings import cdr_layout, joint_states
 from aircraft_sysid_ros.recordings.message_definitions import PACKAGE
 from aircraft_sysid_ros.recordings.message_types import known_types, message_from_dict
-from aircraft_sysid_ros.ros_messages.conversion import INPUTS_TOPIC, INPUTS_TYPE, NANOSECONDS
+from aircraft_sysid_ros.ros_messages.conversion import INPUTS_TOPIC, INPUTS_TYPE
+from aircraft_sysid_ros.stamps import NANOSECONDS
 from aircraft_sysid_ros.text_file import put_in_place
 
 _FRAME = "header.frame_id"

@@ -17,6 +17,7 @@ import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.named_inputs import NamedInput
 from aircraft_sysid_ros.samples import Kind, Samples, samples_of
+from aircraft_sysid_ros.stamps import NANOSECONDS
 
 Array = npt.NDArray[np.float64]
 Stamps = npt.NDArray[np.int64]
@@ -84,7 +85,6 @@ UNKNOWN_FIX, NO_FIX, FIX, SATELLITE_AUGMENTED_FIX, GROUND_AUGMENTED_FIX = -2, -1
 #: Variance of what is not known, for messages that have no other way to say so.
 UNKNOWN_VARIANCE = 1e6
 RADIANS_PER_DEGREE = np.pi / 180.0
-NANOSECONDS = 1_000_000_000
 _SQRT_HALF = np.sqrt(0.5)
 _HALF_TURN_FORWARD = np.array([1.0, -1.0, -1.0])
 _EAST_NORTH = np.array([1, 0, 2])

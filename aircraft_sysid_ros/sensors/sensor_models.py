@@ -21,11 +21,12 @@ from aircraft_sysid_ros.aircraft.configuration import SURFACES, Aircraft
 from aircraft_sysid_ros.aircraft.frames import quaternion_exp, quaternion_product, rotation_matrix
 from aircraft_sysid_ros.aircraft.named_inputs import NamedInput
 from aircraft_sysid_ros.ros_messages import conversion as ros_conversion
-from aircraft_sysid_ros.ros_messages.conversion import NANOSECONDS, samples_and_rows
+from aircraft_sysid_ros.ros_messages.conversion import samples_and_rows
 from aircraft_sysid_ros.samples import Samples, concatenate
 from aircraft_sysid_ros.sensors.five_hole_probe import ProbeCalibration
 from aircraft_sysid_ros.sensors.instrument_errors import AIR_DATA, MagneticErrors, OutputErrors
 from aircraft_sysid_ros.sensors.truth import FLAPS, Truth
+from aircraft_sysid_ros.stamps import NANOSECONDS
 
 Array = npt.NDArray[np.float64]
 Stamps = npt.NDArray[np.int64]

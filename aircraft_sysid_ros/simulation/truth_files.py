@@ -20,12 +20,13 @@ from aircraft_sysid_ros.aircraft.aerodynamic_model import term_label
 from aircraft_sysid_ros.aircraft.expression import parse_expression
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.recordings.writer import RecordingWriter
-from aircraft_sysid_ros.ros_messages.conversion import INPUTS_TOPIC, NANOSECONDS, TOPICS, frame_of
+from aircraft_sysid_ros.ros_messages.conversion import INPUTS_TOPIC, TOPICS, frame_of
 from aircraft_sysid_ros.run_reader import UNREADABLE
 from aircraft_sysid_ros.sensors.sensor_models import EPOCH, stamps_of
 from aircraft_sysid_ros.sensors.truth import SERIES
 from aircraft_sysid_ros.simulation.jsbsim_derivatives import derived_truth
 from aircraft_sysid_ros.simulation.simulated_flight import SimulatedFlight
+from aircraft_sysid_ros.stamps import NANOSECONDS
 
 #: Rate [Hz] of the time series in truth.npz.
 TRUTH_RATE = 50.0

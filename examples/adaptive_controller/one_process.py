@@ -20,7 +20,6 @@ from aircraft_sysid_ros.identification.parameter_set import ParameterSet
 from aircraft_sysid_ros.identification.physical_bounds import physical_bounds
 from aircraft_sysid_ros.identification.trust import Trust
 from aircraft_sysid_ros.pipeline import Pipeline
-from aircraft_sysid_ros.reconstruction.state_estimator import nanoseconds
 from aircraft_sysid_ros.ros_messages.output_messages import parameters_content
 from aircraft_sysid_ros.sensors.sensor_models import stamps_of
 from aircraft_sysid_ros.simulation.closed_loop import (
@@ -33,6 +32,7 @@ from aircraft_sysid_ros.simulation.closed_loop import (
     samples_of_sensed,
 )
 from aircraft_sysid_ros.simulation.closed_loop_faults import fault_of
+from aircraft_sysid_ros.stamps import nanoseconds
 
 Array = npt.NDArray[np.float64]
 

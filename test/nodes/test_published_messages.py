@@ -15,8 +15,8 @@ from aircraft_sysid_ros.nodes.common import newest_quality, start
 from aircraft_sysid_ros.nodes.parameter_estimator import ParameterEstimatorNode
 from aircraft_sysid_ros.nodes.state_estimator import StateEstimatorNode
 from aircraft_sysid_ros.reconstruction.state import StateField, Status
-from aircraft_sysid_ros.reconstruction.state_estimator import nanoseconds
 from aircraft_sysid_ros.ros_messages.topics import DIAGNOSTICS, OUTPUTS, SERVICES
+from aircraft_sysid_ros.stamps import nanoseconds
 
 NAMES = (
     "CX_0 CX_alpha CX_alpha2 CX_q CX_de CX_Tc", "CY_0 CY_beta CY_p CY_r CY_da CY_dr",

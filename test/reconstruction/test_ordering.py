@@ -7,8 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from aircraft_sysid_ros.reconstruction.ordering import NANOSECONDS, TimeOrder
+from aircraft_sysid_ros.reconstruction.ordering import TimeOrder
 from aircraft_sysid_ros.samples import Kind, Samples, concatenate, samples_of
+from aircraft_sysid_ros.stamps import NANOSECONDS
 
 EPOCH = 1_700_000_000 * NANOSECONDS
 

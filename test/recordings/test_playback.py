@@ -285,7 +285,7 @@ while not publisher.get_subscription_count():
     time.sleep(0.01)
 started, together = time.monotonic(), play._Together([publisher])
 for second in range(5):
-    together.wait(second * play.NANOSECONDS)
+    together.wait(second * NANOSECONDS)
     publisher.publish(Imu())
 print(time.monotonic() - started)
 """

@@ -13,7 +13,6 @@ from aircraft_sysid_ros.aircraft.frames import (
     quaternion_product,
     rotation_matrix,
 )
-from aircraft_sysid_ros.ros_messages.conversion import NANOSECONDS
 from aircraft_sysid_ros.samples import Kind
 from aircraft_sysid_ros.sensors.five_hole_probe import ProbeCalibration
 from aircraft_sysid_ros.sensors.sensor_models import (
@@ -26,6 +25,7 @@ from aircraft_sysid_ros.sensors.sensor_models import (
     stamps_of,
 )
 from aircraft_sysid_ros.simulation.simulated_flight import simulate_samples
+from aircraft_sysid_ros.stamps import NANOSECONDS
 
 EXACT = SensorOptions(
     noise_scale=0.0, accelerometer_bias=0.0, gyro_bias=0.0,

@@ -31,11 +31,12 @@ from aircraft_sysid_ros.identification.monitoring.sensor_faults import LONGEST_G
 from aircraft_sysid_ros.identification.options import ParameterOptions
 from aircraft_sysid_ros.processes import in_parallel
 from aircraft_sysid_ros.reconstruction.absences import has_airspeed, options_after_flight
+from aircraft_sysid_ros.reconstruction.filter_setup import sensor_delays
 from aircraft_sysid_ros.reconstruction.options import StateOptions
 from aircraft_sysid_ros.reconstruction.smoother_history import SmootherHistory
 from aircraft_sysid_ros.reconstruction.sparse_imu import LONG
 from aircraft_sysid_ros.reconstruction.state import LearntNoise, StateField, learnt_noise
-from aircraft_sysid_ros.reconstruction.state_estimator import StateEstimator, nanoseconds, sensor_delays
+from aircraft_sysid_ros.reconstruction.state_estimator import StateEstimator
 from aircraft_sysid_ros.samples import (
     SHORTEST,
     Kind,
@@ -46,6 +47,7 @@ from aircraft_sysid_ros.samples import (
     manoeuvres,
     run_of_manoeuvres,
 )
+from aircraft_sysid_ros.stamps import nanoseconds
 from aircraft_sysid_ros.stretches import longest_stretch
 
 Array = npt.NDArray[np.float64]

@@ -46,7 +46,6 @@ from aircraft_sysid_ros.pipeline import Pipeline
 from aircraft_sysid_ros.reconstruction.absences import assumed_calm
 from aircraft_sysid_ros.reconstruction.options import StateOptions
 from aircraft_sysid_ros.reconstruction.ordering import flown_twice
-from aircraft_sysid_ros.reconstruction.state_estimator import nanoseconds
 from aircraft_sysid_ros.refinement.run_data import RunData, load_run, load_run_aircraft
 from aircraft_sysid_ros.run_reader import (
     PARAMETERS,
@@ -61,6 +60,7 @@ from aircraft_sysid_ros.run_reader import (
     read_state,
 )
 from aircraft_sysid_ros.samples import Samples
+from aircraft_sysid_ros.stamps import nanoseconds
 from aircraft_sysid_ros.text_file import locked, write_whole
 
 Array = npt.NDArray[np.float64]

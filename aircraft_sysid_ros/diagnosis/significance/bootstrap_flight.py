@@ -30,12 +30,13 @@ from aircraft_sysid_ros.estimation.window_average import window_averages
 from aircraft_sysid_ros.identification.coefficients.body import body_of
 from aircraft_sysid_ros.identification.coefficients.ground import altitudes, ground_of
 from aircraft_sysid_ros.identification.coefficients.signals import signals_of
+from aircraft_sysid_ros.reconstruction.filter_setup import sensor_delays
 from aircraft_sysid_ros.reconstruction.servo_lag import servo_lag
 from aircraft_sysid_ros.reconstruction.state import StateField, in_moving_air
-from aircraft_sysid_ros.reconstruction.state_estimator import nanoseconds, sensor_delays
 from aircraft_sysid_ros.samples import Kind, Samples, concatenate, manoeuvre_at, run_of_manoeuvres, samples_of
 from aircraft_sysid_ros.sensors.sensor_models import SensorOptions, arrived, generator, measure, stamps_of
 from aircraft_sysid_ros.sensors.truth import Truth
+from aircraft_sysid_ros.stamps import nanoseconds
 
 Array = npt.NDArray[np.float64]
 

@@ -24,11 +24,12 @@ from aircraft_sysid_ros.identification.coefficients.signals import (
     moved_unseen,
     named_inputs,
 )
+from aircraft_sysid_ros.reconstruction.filter_setup import stamp_delays
 from aircraft_sysid_ros.reconstruction.servo_lag import servo_lag
 from aircraft_sysid_ros.reconstruction.sparse_imu import LONG
 from aircraft_sysid_ros.reconstruction.state import StateField
-from aircraft_sysid_ros.reconstruction.state_estimator import seconds, sensor_delays
 from aircraft_sysid_ros.samples import CONTROL_COLUMNS, Kind, Samples, is_absurd
+from aircraft_sysid_ros.stamps import seconds
 
 Array = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]
@@ -56,7 +57,7 @@ class ControlHistory:
     def __init__(self, aircraft: Aircraft, settle: float) -> None:
         """``settle`` [s]: how much later than the state a sample may come."""
         self._aircraft, self.settle = aircraft, settle
-        self._delays = np.rint(sensor_delays(aircraft) * 1e9).astype(np.int64)
+        self._delays = stamp_delays(aircraft)
         self._servos = servo_lag(aircraft)
         self._signs = np.array([*(aircraft.surface_signs[s] for s in SURFACES), 1.0, 1.0, 1.0])
         self._noise = np.full(CONTROL_COUNT, np.inf)  # one sigma of the surfaces; what else moves is slow

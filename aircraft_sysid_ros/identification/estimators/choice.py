@@ -37,9 +37,10 @@ from aircraft_sysid_ros.identification.estimators.contract import AxisEstimate
 from aircraft_sysid_ros.identification.estimators.maximum_likelihood import MaximumLikelihoodEstimator
 from aircraft_sysid_ros.identification.options import ParameterOptions
 from aircraft_sysid_ros.identification.trust import TrustRules
+from aircraft_sysid_ros.reconstruction.filter_setup import stamp_delays
 from aircraft_sysid_ros.reconstruction.state import StateField, Status
-from aircraft_sysid_ros.reconstruction.state_estimator import seconds, sensor_delays
 from aircraft_sysid_ros.samples import Kind, Samples
+from aircraft_sysid_ros.stamps import seconds
 
 Array = npt.NDArray[np.float64]
 
@@ -74,7 +75,7 @@ class EstimatorChoice:
         """``pace`` of the states, which goes on."""
         self._options, self._pace = options, pace
         self._of_vane = aircraft.sensors["angle_of_attack"].noise[0]
-        self._delays = np.rint(sensor_delays(aircraft) * 1e9).astype(np.int64)
+        self._delays = stamp_delays(aircraft)
         self.begin_anew(aircraft)
 
     def begin_anew(self, aircraft: Aircraft) -> None:

@@ -54,9 +54,10 @@ from aircraft_sysid_ros.identification.estimators.dense_epochs import DenseEpoch
 from aircraft_sysid_ros.identification.estimators.likelihood_recursion import run
 from aircraft_sysid_ros.identification.estimators.likelihood_restore import Past, copied, put_back, take_axis
 from aircraft_sysid_ros.identification.options import ParameterOptions
+from aircraft_sysid_ros.reconstruction.filter_setup import stamp_delays
 from aircraft_sysid_ros.reconstruction.state import StateField, in_moving_air
-from aircraft_sysid_ros.reconstruction.state_estimator import seconds, sensor_delays
 from aircraft_sysid_ros.samples import CONTROL_COLUMNS, Kind, Samples, is_absurd
+from aircraft_sysid_ros.stamps import seconds
 
 Array = npt.NDArray[np.float64]
 Checkpoint = tuple[loop.Recursion, set[int], Array]
@@ -98,7 +99,7 @@ class MaximumLikelihoodEstimator:
     def __init__(self, aircraft: Aircraft, options: ParameterOptions) -> None:
         self.aircraft, self.options = aircraft, options
         self._names = aircraft.model.parameter_names
-        self._delays = np.rint(sensor_delays(aircraft) * 1e9).astype(np.int64)
+        self._delays = stamp_delays(aircraft)
         per_knot = max(round(aircraft.sensors["accelerometer"].rate / options.rml_rate), 1)
         self._model = flight_model_of(aircraft, 9.80665, per_knot)
         self.keep_pace(Pace())

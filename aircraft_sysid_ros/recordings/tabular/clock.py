@@ -14,7 +14,7 @@ from aircraft_sysid_ros.recordings.autopilot_log import NO_DATE, gps_nanoseconds
 from aircraft_sysid_ros.recordings.tabular.column_map import GPS, UTC, ColumnMap, TimeBase
 from aircraft_sysid_ros.recordings.tabular.table import imported, numbers
 from aircraft_sysid_ros.recordings.tabular.units import conversion
-from aircraft_sysid_ros.ros_messages.conversion import NANOSECONDS
+from aircraft_sysid_ros.stamps import NANOSECONDS
 
 Stamps = npt.NDArray[np.int64]
 #: Stands for a time that is not there.

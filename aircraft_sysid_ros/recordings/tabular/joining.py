@@ -11,7 +11,7 @@ import numpy.typing as npt
 from aircraft_sysid_ros.mavlink.quantities import quaternion_of_euler
 from aircraft_sysid_ros.recordings.tabular.clock import Stamps
 from aircraft_sysid_ros.recordings.tabular.streams import Stream
-from aircraft_sysid_ros.ros_messages.conversion import NANOSECONDS
+from aircraft_sysid_ros.stamps import NANOSECONDS
 
 Array = npt.NDArray[np.float64]
 #: Between samples that are further apart than so many of their usual steps nothing is interpolated.

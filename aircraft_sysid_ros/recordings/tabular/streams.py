@@ -19,8 +19,8 @@ from aircraft_sysid_ros.recordings.tabular.column_map import ColumnMap, MappedSi
 from aircraft_sysid_ros.recordings.tabular.signals import place_in_vector, unit_of, vector_of, wild_beyond
 from aircraft_sysid_ros.recordings.tabular.source import Source, natural_order
 from aircraft_sysid_ros.recordings.tabular.table import Piece, Table, numbers
-from aircraft_sysid_ros.ros_messages.conversion import NANOSECONDS
 from aircraft_sysid_ros.samples import PAUSE
+from aircraft_sysid_ros.stamps import NANOSECONDS
 
 Array = npt.NDArray[np.float64]
 ROWS = 50_000  # of a piece

@@ -17,8 +17,9 @@ from aircraft_sysid_ros.recordings.tabular.source import open_source
 from aircraft_sysid_ros.recordings.tabular.streams import collect
 from aircraft_sysid_ros.recordings.tabular.topics import Messages, Plan, type_of
 from aircraft_sysid_ros.recordings.writer import RecordingWriter
-from aircraft_sysid_ros.ros_messages.conversion import INPUTS_TOPIC, NANOSECONDS, frame_of
+from aircraft_sysid_ros.ros_messages.conversion import INPUTS_TOPIC, frame_of
 from aircraft_sysid_ros.samples import PAUSE
+from aircraft_sysid_ros.stamps import NANOSECONDS
 
 
 def import_tables(path: Path, colmap: ColumnMap, out: str | Path, *, overwrite: bool = False) -> dict[str, Any]:

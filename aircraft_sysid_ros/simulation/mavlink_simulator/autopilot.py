@@ -15,8 +15,8 @@ from aircraft_sysid_ros.mavlink.servo_mapping import ServoMapping
 from aircraft_sysid_ros.sensors.sensor_models import EPOCH
 from aircraft_sysid_ros.simulation.mavlink_simulator.messages import MESSAGES_OF, Encoder
 from aircraft_sysid_ros.simulation.mavlink_simulator.sensors import Event
+from aircraft_sysid_ros.stamps import NANOSECONDS
 
-NANOSECONDS = 1_000_000_000
 SYSTEM, COMPONENT = 1, 1
 #: Rates [Hz] before anybody asks: those of a slow telemetry link.
 FIRST_RATES = {

@@ -13,8 +13,8 @@ from aircraft_sysid_ros.ros_messages.conversion import TOPICS, USED_FIELDS, samp
 from aircraft_sysid_ros.samples import Samples, concatenate
 from aircraft_sysid_ros.simulation.mavlink_simulator.autopilot import MavlinkSimulator
 from aircraft_sysid_ros.simulation.mavlink_simulator.sensors import Event
+from aircraft_sysid_ros.stamps import NANOSECONDS
 
-NANOSECONDS = 1_000_000_000
 STEP = 0.01  # [s] between looks at the link
 #: Time 0 of the virtual flight [ns].
 START = 1_760_000_000 * NANOSECONDS

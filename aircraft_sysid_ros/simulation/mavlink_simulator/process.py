@@ -41,7 +41,6 @@ from aircraft_sysid_ros.simulation.mavlink_simulator.sensors import Event, Fligh
 from aircraft_sysid_ros.simulation.simulated_flight import DEFAULT_WIND, simulate_samples
 from aircraft_sysid_ros.text_file import write_whole
 
-NANOSECONDS = 1_000_000_000
 DEFAULT_CALIBRATION = "mavlink_simulator_servos.yaml"
 #: Largest [s] time since start: MAVLink has 32 bits of milliseconds, 49 days.
 MOST_OFFSET = 4e6

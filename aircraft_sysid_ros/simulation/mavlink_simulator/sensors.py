@@ -16,10 +16,10 @@ from aircraft_sysid_ros.ros_messages.conversion import TOPICS, flu_from_frd, fra
 from aircraft_sysid_ros.samples import Samples, concatenate
 from aircraft_sysid_ros.sensors.sensor_models import EPOCH, SensorOptions, generator, measure
 from aircraft_sysid_ros.sensors.truth import Truth
+from aircraft_sysid_ros.stamps import NANOSECONDS
 
 Array = npt.NDArray[np.float64]
 
-NANOSECONDS = 1_000_000_000
 #: What the autopilot's own filter tells, to be encoded: attitude with rates, velocity with place, and wind.
 ATTITUDE, VELOCITY, WIND = "autopilot/attitude", "autopilot/velocity", "autopilot/wind"
 _FILTER_RATES = {ATTITUDE: 50.0, VELOCITY: 50.0, WIND: 1.0}  # [Hz]
