@@ -8,6 +8,7 @@ begins with the first sample that was kept. It depends on stamps alone, so that 
 from __future__ import annotations
 
 from collections import deque
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -19,6 +20,18 @@ Sample = tuple[float, int, Array]
 
 #: Flight [s] without GPS position or velocity after which they are not waited for.
 PATIENCE = 5.0
+
+
+class Batch(NamedTuple):
+    """Samples in order of time."""
+
+    times: Array  # (n,) [s]
+    kinds: npt.NDArray[np.int64]  # (n,)
+    values: Array  # (n, WIDTH)
+
+    def followed_by(self, other: Batch) -> Batch:
+        """This one and then the other."""
+        return Batch(*(np.concatenate(both) for both in zip(self, other, strict=True)))
 
 
 class GpsWait:
@@ -57,14 +70,14 @@ class GpsWait:
         self._flying_since = min(self._flying_since, time) if flies else np.inf
         return time - self._flying_since >= PATIENCE
 
-    def decide(self, seen: frozenset[int]) -> tuple[Array, npt.NDArray[np.int64], Array]:
-        """What has come is what there is; returns the times, kinds and values that were kept."""
+    def decide(self, seen: frozenset[int]) -> Batch:
+        """What has come is what there is; returns what was kept."""
         self.decided = seen
         kept = list(self._kept)
         self.forget()
         times = np.array([time for time, _, _ in kept])
         kinds = np.array([kind for _, kind, _ in kept], dtype=np.int64)
-        return times, kinds, np.array([values for _, _, values in kept])
+        return Batch(times, kinds, np.array([values for _, _, values in kept]))
 
     @property
     def waits(self) -> bool:

@@ -19,7 +19,7 @@ from aircraft_sysid_ros.reconstruction.air_data_errors import (
     with_start,
     without_errors,
 )
-from aircraft_sysid_ros.reconstruction.alignment import GPS, Alignment, keep_biases
+from aircraft_sysid_ros.reconstruction.alignment import keep_biases
 from aircraft_sysid_ros.reconstruction.drift import Drift
 from aircraft_sysid_ros.reconstruction.filter_setup import (
     CALM_STD,
@@ -31,12 +31,13 @@ from aircraft_sysid_ros.reconstruction.filter_setup import (
     sensor_scales,
     with_options,
 )
-from aircraft_sysid_ros.reconstruction.gps_wait import GpsWait
+from aircraft_sysid_ros.reconstruction.gps_wait import Batch
 from aircraft_sysid_ros.reconstruction.options import StateOptions
 from aircraft_sysid_ros.reconstruction.ordering import Released, TimeOrder
 from aircraft_sysid_ros.reconstruction.sample_loop import DIVERGED, RUNNING, run
 from aircraft_sysid_ros.reconstruction.sensor_noise import mean_tilt_error
 from aircraft_sysid_ros.reconstruction.smoother_history import STEP_WIDTH, SmootherHistory
+from aircraft_sysid_ros.reconstruction.start_up import StartUp
 from aircraft_sysid_ros.reconstruction.state import (
     ATTITUDE,
     D_ACCELEROMETER_BIAS,
@@ -62,7 +63,6 @@ from aircraft_sysid_ros.records import in_array
 from aircraft_sysid_ros.samples import (
     GPS_NED,
     SAME_FLIGHT,
-    WIDTH,
     Kind,
     Samples,
     concatenate,
@@ -73,7 +73,6 @@ from aircraft_sysid_ros.samples import (
 from aircraft_sysid_ros.stamps import NANOSECONDS, epoch_of, seconds
 
 Array = npt.NDArray[np.float64]
-Batch = tuple[Array, npt.NDArray[np.int64], Array]
 
 #: Kinds that the first step uses. Any other would split the integration between two IMU samples, so that the
 #: numbers depended on who else listens.
@@ -138,11 +137,10 @@ class StateEstimator:
         self._scales = sensor_scales(aircraft)
         self.drift = Drift(aircraft)
         self._still = StuckSensors(aircraft.minimum_airspeed)
-        self._alignment = self._new_alignment(9.80665)
+        self._start_up = StartUp(aircraft)
         self._start = StartValues()
-        self._wait = GpsWait()
         self._guide = int(Kind.GPS_VELOCITY)  # of the newest start
-        self._held: tuple[Array, npt.NDArray[np.int64], Array] | None = None
+        self._held: Batch | None = None
         self._one_setup: npt.NDArray[np.void] | None = None  # known once there is an origin
         self._odometer: Odometer | None = None  # from the origin on
         self._x = np.zeros(STATE_SIZE)
@@ -237,10 +235,10 @@ class StateEstimator:
         self._usable_before = self._usable()
         self.order.begin_anew()
         self._still = StuckSensors(self.aircraft.minimum_airspeed)
-        self._alignment, self._one_setup, self._held = self._new_alignment(9.80665), None, None
+        self._start_up.begin_anew(self.aircraft)
+        self._one_setup, self._held = None, None
         self._odometer = None
         self._aligned = False
-        self._wait.reconsider()
         if self.watch is not None:
             self.watch.begin_anew(since)
         if not since <= SAME_FLIGHT:
@@ -325,8 +323,8 @@ class StateEstimator:
     @property
     def sensors(self) -> list[Sensors]:
         """Of each manoeuvre, the newest last."""
-        decided, usable = self._wait.decided, np.flatnonzero(self._usable() > self._usable_before)
-        return [*self._flown, Sensors(GPS if decided is None else decided, frozenset(usable.tolist()))]
+        usable = np.flatnonzero(self._usable() > self._usable_before)
+        return [*self._flown, Sensors(self._start_up.gps, frozenset(usable.tolist()))]
 
     def _usable(self) -> npt.NDArray[np.int64]:
         """Samples (kinds,) that have come and were not invalid."""
@@ -425,7 +423,7 @@ class StateEstimator:
                 if self.watch is not None:
                     self.watch.add(part.samples)
                 times = seconds(part.samples.stamp, self.epoch)
-                blocks.extend(self._process(times, part.samples.kind, self._with_positions(part.samples)))
+                blocks.extend(self._process(Batch(times, part.samples.kind, self._with_positions(part.samples))))
         return np.vstack(blocks) if blocks else np.empty((0, StateField.WIDTH))
 
     def _with_positions(self, samples: Samples) -> Array:
@@ -440,18 +438,19 @@ class StateEstimator:
                 values[i, GPS_NED] = self._odometer.position_at(values[i, :3])
         return values
 
-    def _process(self, times: Array, kinds: npt.NDArray[np.int64], values: Array) -> Iterator[Array]:
+    def _process(self, batch: Batch) -> Iterator[Array]:
         """Samples in time order; those after the last IMU sample wait for the next one."""
         if self._held is not None:
-            times, kinds, values = _joined(self._held, (times, kinds, values))
+            batch = self._held.followed_by(batch)
             self._held = None
         at = 0
-        while np.any(kinds[at:] == Kind.IMU):
+        while np.any(batch.kinds[at:] == Kind.IMU):
             if not self._aligned:
-                times, kinds, values, at = self._align(times, kinds, values, at)
+                batch, at = self._align(batch, at)
                 continue
             assert self._one_setup is not None  # known from the first alignment on
-            end = at + self._before_new_gps(kinds[at:])
+            times, kinds, values = batch
+            end = at + self._start_up.before_new_gps(kinds[at:])
             rows = np.full((int(np.sum(kinds[at:end] == Kind.IMU)), StateField.WIDTH), np.nan)
             tape = np.empty((0 if self.tape is None else end - at, STEP_WIDTH))
             begin, newest = at, -np.inf if self.last_row is None else float(self.last_row[StateField.TIME])
@@ -481,68 +480,40 @@ class StateEstimator:
                 self._forget_slow_states()
             if state == RUNNING and end < len(times):
                 self._lose_alignment()
-                self._wait.reconsider()
-        self._held = (times[at:], kinds[at:], values[at:])
+                self._start_up.reconsider()
+        self._held = Batch(batch.times[at:], batch.kinds[at:], batch.values[at:])
 
-    def _before_new_gps(self, kinds: npt.NDArray[np.int64]) -> int:
-        """How many samples there are before the first of a kind of GPS that was taken as not there."""
-        decided = self._wait.decided
-        new = np.flatnonzero(np.isin(kinds, [*(GPS - decided)] if decided is not None else []))
-        return int(new[0]) if len(new) else len(kinds)
+    def _align(self, batch: Batch, at: int) -> tuple[Batch, int]:
+        """Start, if the samples from number ``at`` on allow it; returns what to go on with, and its next number."""
+        batch, at, start = self._start_up.feed(batch, at, self._without_known_errors, self._known_wind())
+        if start is None:
+            return batch, at
+        self._begin(float(batch.times[at]), batch.values[at], *start)
+        return batch, at + 1
 
-    def _align(
-        self, times: Array, kinds: npt.NDArray[np.int64], values: Array, at: int
-    ) -> tuple[Array, npt.NDArray[np.int64], Array, int]:
-        """Feed the alignment until it gives a start; returns what follows, and the index of the next sample in it."""
-        alignment, wait = self._alignment, self._wait
-        for i in range(at, len(times)):
-            time, kind = float(times[i]), int(kinds[i])
-            shown = self.drift.without(times[i : i + 1], kinds[i : i + 1], values[i : i + 1])[0]
-            if self.options.air_data_errors:
-                shown = without_errors(kind, shown, self._known_errors()[0])
-            is_imu = alignment.take(time, kind, shown)
-            wait.keep((time, kind, values[i]), alignment.seen)
-            if not is_imu:
-                continue
-            start = self._started()
-            if start is not None:
-                self._begin(time, values[i], *start)
-                return times, kinds, values, i + 1
-            if wait.is_over(time, alignment.flies()):
-                kept = wait.decide(alignment.seen)
-                alignment.forget()
-                return *_joined(kept, (times[i + 1 :], kinds[i + 1 :], values[i + 1 :])), 0
-        return times, kinds, values, len(times)
-
-    def _started(self) -> tuple[Array, Array] | None:
-        """State and covariance where a start is possible with the GPS that is there, or that is waited for."""
-        gps = self._wait.decided
-        if gps is None or gps == GPS:
-            return self._alignment.start(*self._known_wind())
-        return self._alignment.start_with(gps, *self._known_wind())
+    def _without_known_errors(self, time: float, kind: int, values: Array) -> Array:
+        """Values (WIDTH,) of one sample."""
+        shown = self.drift.without(np.array([time]), np.array([kind]), values[None])[0]
+        return without_errors(kind, shown, self._known_errors()[0]) if self.options.air_data_errors else shown
 
     def _end_of_wait(self) -> Iterator[Array]:
         """Rows of what was kept while GPS was waited for, at the end."""
-        if not self._aligned and self._wait.waits:
-            held = self._held or (np.empty(0), np.empty(0, np.int64), np.empty((0, WIDTH)))
-            self._held = None
-            kept = self._wait.decide(self._alignment.seen)
-            self._alignment.forget()
-            yield from self._process(*_joined(kept, held))
+        kept = None if self._aligned else self._start_up.rest()
+        if kept is not None:
+            held, self._held = self._held, None
+            yield from self._process(kept if held is None else kept.followed_by(held))
 
     def _begin(self, time: float, imu: Array, x: Array, p: Array) -> None:
         if self._has_biases:
             keep_biases(x, p, self._x, self._p)
         if self.options.air_data_errors:
-            x, p = extended(x, p, *self._known_errors(), self._alignment.air_data(time))
+            x, p = extended(x, p, *self._known_errors(), self._start_up.alignment.air_data(time))
         self._x, self._p = x, p
-        if self._wait.decided is None:
-            self._wait.decided = GPS
-            self._wait.forget()
-        guide = self._guide = guide_of(self._wait.decided)
-        setup = self.setup
-        if setup is None or setup.guide != guide or not np.array_equal(setup.origin, self._origin, equal_nan=True):
-            setup = self._new_setup(imu, guide)
+        self._start_up.settle()
+        guide = self._guide = guide_of(self._start_up.gps)
+        setup, origin = self.setup, self._start_up.origin
+        if setup is None or setup.guide != guide or not np.array_equal(setup.origin, origin, equal_nan=True):
+            setup = new_setup(self.aircraft, self.options, self._gate, origin, imu, guide, self._learns)
             self._one_setup = in_array(setup)
         self.memory.imu[0], self.memory.imu[1:7] = time, imu[:6]
         self.memory.imu_before[:] = -np.inf
@@ -563,8 +534,7 @@ class StateEstimator:
             self.realignments += 1
         self._aligned = False
         self._held = None
-        self._alignment.forget()
-        self._wait.forget()
+        self._start_up.forget()
 
     def _forget_slow_states(self) -> None:
         """After a divergence wind and biases are not to be trusted either: begin as at the first start."""
@@ -578,29 +548,10 @@ class StateEstimator:
         least = self.aircraft.process_noise["wind"]
         self.memory.wind_walk[:] = least if self.options.calm_air else max(least, GUSTY_START)
 
-    def _new_alignment(self, gravity_here: float) -> Alignment:
-        aircraft = self.aircraft
-        ground = aircraft.ground_altitude or 0.0
-        return Alignment(gravity_here, aircraft.minimum_airspeed, aircraft.magnetic_declination, ground)
-
-    @property
-    def _origin(self) -> Array:
-        assert self._alignment.origin is not None  # known from the first start on
-        return self._alignment.origin
-
-    def _new_setup(self, imu: Array, guide: int = Kind.GPS_VELOCITY) -> Setup:
-        return new_setup(self.aircraft, self.options, self._gate, self._origin, imu, guide, self._learns)
-
 
 def _newest_airborne(rows: Array) -> Array | None:
     """The last of some rows that air data have a part in."""
     return next((row for row in rows[::-1] if row[StateField.STATUS] in _AIRBORNE), None)
-
-
-def _joined(first: Batch, second: Batch) -> Batch:
-    """Times, kinds and values of two batches, one after the other."""
-    times, kinds, values = zip(first, second, strict=True)
-    return np.concatenate(times), np.concatenate(kinds), np.concatenate(values)
 
 
 def warm_up(aircraft: Aircraft, *, smoother: bool = False) -> None:

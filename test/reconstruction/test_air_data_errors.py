@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from filter_setups import setup_of
 from test_jacobians import aircraft, random_state, setup  # noqa: F401
 
 from aircraft_sysid_ros.after_flight.replay_notes import air_data_error_notes
@@ -185,9 +186,7 @@ def test_straight_flight_tells_nothing_of_the_scale():
     x, p = extended(x[:STATE_SIZE], np.diag(np.repeat([1.0, 1.0, 0.01, 0.01, 1e-4, 4.0], 3)), np.zeros(COUNT),
                     np.diag([0.04, 1e-12, *[1e-12] * 4]), np.array([20.0, 0.0, 0.0]))  # fmt: skip
     rng, values, memory = np.random.default_rng(3), np.zeros(WIDTH), new_memory(len(Kind), 0.1)
-    plain = StateEstimator(load_aircraft(config_path(DEFAULT_AIRCRAFT)))
-    plain._alignment.origin = np.zeros(3)
-    made = replaced(plain._new_setup(np.full(WIDTH, np.nan)), probe_from_imu=0.0)
+    made = replaced(setup_of(load_aircraft(config_path(DEFAULT_AIRCRAFT))), probe_from_imu=0.0)
     for _ in range(250):
         p[15:18, 15:18] += 0.02 * np.eye(3)  # what a wind that walks adds
         values[0] = 20.0 + rng.normal(0.0, 0.3)
