@@ -161,6 +161,8 @@ def held_length(fresh: npt.NDArray[np.bool_]) -> float:
 
 #: Straight: a bend below this share of the usual large one; in an interpolated signal at least this share is straight.
 _STRAIGHT, _LEAST_STRAIGHT, _ROUNDING = 0.05, 0.3, 1e-4
+#: Longest time [s] between measured ones: legs between regular turns are as straight, where positions have no noise.
+_SLOWEST = 5.0
 
 
 def interpolated_length(time: Array, values: Array) -> float:
@@ -174,7 +176,8 @@ def interpolated_length(time: Array, values: Array) -> float:
     straight = (bend < _STRAIGHT * large) & (slope[1:] != 0.0)
     if large < _ROUNDING * float(np.median(np.abs(slope))) or np.mean(straight) < _LEAST_STRAIGHT:
         return 1.0
-    return held_length(~straight & np.concatenate([[True], straight[:-1]]))  # a bend may lie between two samples
+    length = held_length(~straight & np.concatenate([[True], straight[:-1]]))  # a bend may lie between two samples
+    return length if length * float(np.median(np.diff(time[known]))) <= _SLOWEST else 1.0
 
 
 def groups(stream: Stream) -> list[tuple[tuple[str, ...], slice]]:

@@ -8,7 +8,7 @@ import pytest
 from aircraft_sysid_ros.flight_check.check import check
 from aircraft_sysid_ros.flight_check.finding import ERROR, INFO, WARNING
 from aircraft_sysid_ros.flight_check.laws.flow_angles import _bias_of_gusts
-from aircraft_sysid_ros.flight_check.signals import flight_of
+from aircraft_sysid_ros.flight_check.signals import flight_of, interpolated_length
 from aircraft_sysid_ros.samples import CONTROL_COLUMNS, Kind, Samples
 from aircraft_sysid_ros.simulation.simulated_flight import default_aircraft, simulate_samples
 
@@ -58,3 +58,13 @@ def test_a_factor_in_gusts_that_are_followed_is_within_the_room_for_them(follows
     y = x + gust * (follows * x + np.sqrt(1.0 - follows**2) * other)
     factor, correlation = float(x @ y / (x @ x)), float(np.corrcoef(x, y)[0, 1])
     assert abs(np.log(factor)) <= np.log1p(_bias_of_gusts(abs(correlation))) + 0.01
+
+
+def test_legs_between_regular_turns_are_not_one_measured_position_a_turn():
+    """A latitude without noise, of another simulator: `import` would have kept one of 47 positions."""
+    time = np.arange(0.0, 150.0, 0.2)
+    turning = np.where(time % 9.4 < 1.0, 1.0, 0.003 * np.sin(time))
+    latitude = np.cumsum(np.cumsum(turning * np.where(time // 9.4 % 2, -1.0, 1.0))) * 1e-8
+    assert interpolated_length(time, latitude) == 1.0
+    once_a_second = np.interp(time, time[::5], latitude[::5])
+    assert interpolated_length(time, once_a_second) == pytest.approx(5.0, abs=1.5)
