@@ -40,13 +40,10 @@ from aircraft_sysid_ros.flight_model.bank import filter_bank, simulation_bank
 from aircraft_sysid_ros.flight_model.layout import make_theta
 from aircraft_sysid_ros.identification import model_change
 from aircraft_sysid_ros.identification.identifier import Identifier
-from aircraft_sysid_ros.identification.monitoring.agreement import solved
 from aircraft_sysid_ros.identification.monitoring.range_agreement import RangeAgreement
 from aircraft_sysid_ros.identification.options import EstimatorName, ParameterOptions
 from aircraft_sysid_ros.pipeline import Pipeline
-from aircraft_sysid_ros.reconstruction.state import STATE_SIZE
 from aircraft_sysid_ros.reconstruction.state_estimator import warm_up
-from aircraft_sysid_ros.reconstruction.state_row import wind_of
 from aircraft_sysid_ros.recordings.reader import read_recording
 from aircraft_sysid_ros.refinement.record import record_of
 from aircraft_sysid_ros.ros_messages.output_messages import state_fields
@@ -59,9 +56,8 @@ _SHAPE = ("name", "mass", "wing_area", "span", "chord", "inertia")
 
 
 def filters() -> None:
-    """The state's filter and smoother, its wind while it still stands, and those of linear systems."""
+    """The state's filter and smoother, and those of linear systems."""
     warm_up(load_aircraft(config_path(DEFAULT_AIRCRAFT)), smoother=True)
-    wind_of(np.zeros(STATE_SIZE))
     system = LinearSystem(np.eye(1), np.eye(1), np.eye(1), np.eye(1))
     smooth_series(system, filter_series(system, np.zeros(1), np.eye(1), np.zeros((2, 1))))
 
@@ -108,7 +104,6 @@ def checks() -> None:
     """What looks at a flight as it is, and at two parts of one that disagree."""
     RangeAgreement(load_aircraft(config_path(DEFAULT_AIRCRAFT)).model).warm_up()
     in_flight.warm_up()
-    solved(np.eye(4))
 
 
 def whole_way() -> None:

@@ -86,10 +86,11 @@ def watch_of(aircraft: Aircraft, options: StateOptions | None = None) -> InFligh
 
 
 def warm_up() -> None:
-    """Import what is imported where sensors contradict each other: 0.1 s for which no sample should wait."""
+    """Import what is imported where sensors contradict each other, and compile or load the kernels: no sample waits."""
     import scipy.optimize  # noqa: F401
 
     warm_up_triangle()
+    _mark_density(np.zeros((1, StateField.WIDTH)), np.zeros(1, np.bool_), np.nan)
 
 
 class InFlightCheck:

@@ -161,6 +161,13 @@ class LateMotion:
         mean, variance = self.whole
         return abs(mean) > max(_SURE * float(np.sqrt(variance)), _WORTH)
 
+    def warm_up(self) -> None:
+        """Compile, or load from the cache, what is first needed once a moment has moved enough."""
+        other = LateMotion()
+        other.adopt(self._offsets, self._derivatives)
+        other.counts[:], other.moments[:] = 1e6, np.eye(other.moments.shape[1])
+        other.look(0.0)
+
     def look(self, interval: float) -> None:
         """Estimate ``ways`` from what was summed; states come ``interval`` [s] apart, 0: dense."""
         asked = [

@@ -452,6 +452,7 @@ class Learning:
         for sums in (np.eye(3), np.eye(4)[:3, :3]):  # of the longest axis, and of another
             motion_of_terms(sums, np.zeros(1))
         self.integrity.doubts.warm_up()
+        self.undescribed.warm_up()
         if self.choice is not None:
             self.choice.warm_up()
 

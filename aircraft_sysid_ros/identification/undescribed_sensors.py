@@ -261,6 +261,10 @@ class UndescribedSensors:
         self._surfaces.restart_clock()
         self._motion.restart_clock()
 
+    def warm_up(self) -> None:
+        """Compile, or load from the cache, what is needed late."""
+        self._motion.warm_up()
+
     @property
     def _doubtful(self) -> int:
         """How many things may be wrong."""

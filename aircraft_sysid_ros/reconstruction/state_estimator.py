@@ -35,7 +35,7 @@ from aircraft_sysid_ros.reconstruction.gps_wait import Batch
 from aircraft_sysid_ros.reconstruction.options import StateOptions
 from aircraft_sysid_ros.reconstruction.ordering import Released, TimeOrder
 from aircraft_sysid_ros.reconstruction.sample_loop import DIVERGED, RUNNING, run
-from aircraft_sysid_ros.reconstruction.sensor_noise import mean_tilt_error
+from aircraft_sysid_ros.reconstruction.sensor_noise import believed_variance, bounded, mean_tilt_error
 from aircraft_sysid_ros.reconstruction.smoother_history import STEP_WIDTH, SmootherHistory
 from aircraft_sysid_ros.reconstruction.start_up import StartUp
 from aircraft_sysid_ros.reconstruction.state import (
@@ -572,3 +572,7 @@ def warm_up(aircraft: Aircraft, *, smoother: bool = False) -> None:
         estimator.flush()
         if smoother:
             estimator.smooth()
+    wind_of(np.zeros(STATE_SIZE))  # and what is called from outside of the loop as well
+    wind_jacobian(np.zeros(STATE_SIZE))
+    bounded(1.0)
+    believed_variance(1.0, 1.0)

@@ -24,7 +24,7 @@ from rclpy.qos import QoSProfile
 from sensor_msgs.msg import Imu
 from task import Multisine, Task
 
-from aircraft_sysid_ros.aircraft.configuration import load_aircraft
+from aircraft_sysid_ros.aircraft.configuration import Aircraft, load_aircraft
 from aircraft_sysid_ros.config_files import DEFAULT_AIRCRAFT, config_path
 from aircraft_sysid_ros.consumer import ParameterSource, priors_of
 from aircraft_sysid_ros.consumer.subscriber import ParameterSubscriber
@@ -61,6 +61,7 @@ class ControllerNode(Node):
         self._known = None if kind == "live" else pilot_of(kind, aircraft, case)
         self._task = Task(value["seed"], case.duration, self.controller.airspeed)
         self._multisine, self._parameters = Multisine(STEP), np.empty(0)
+        self._rehearse(aircraft)
         self.commands = 0
         self.references: dict[int, tuple[float, float]] = {}  # by stamp: bank and pitch of the reference models
         quality = QoSProfile(depth=DEPTH)
@@ -77,6 +78,17 @@ class ControllerNode(Node):
         self._taken = 0  # messages of parameters at the newest look
         self._first_stamp = self._newest_stamp = 0  # of IMU samples [ns]
         self.create_timer(_LOOK, self.look)
+
+    def _rehearse(self, aircraft: Aircraft) -> None:
+        """Answer two samples before anybody listens: the first answer compiles, and so do the first new parameters."""
+        instruments, controller = Instruments(aircraft), AttitudeController(aircraft)
+        instruments.take_imu(frd_from_flu([0.0, 0.0, 0.0]))
+        instruments.take_attitude(quaternion_ned_frd([0.0, 0.0, 0.0, 1.0]))
+        instruments.take_air_data(np.array([controller.airspeed, 0.0, 0.0, 1.225, 101_325.0]), 1)
+        seen, priors = instruments.seen, np.array([*aircraft.coefficients.values()])
+        assert seen is not None  # everything has come once
+        for parameters in (priors, 0.9 * priors):
+            controller.step(seen, self._task.reference(0.0), parameters, self._multisine.at(0), STEP)
 
     @property
     def age_of_parameters(self) -> float:

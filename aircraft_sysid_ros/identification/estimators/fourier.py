@@ -133,6 +133,7 @@ class FourierEstimator:
             follow(0, np.zeros(TERMS + int(self._model.offsets[1])), row, 0.01, bank, self._setting)
         weigh(0, 1.0, 0.0, bank, self._setting)
         transform_again(0, row[None], self._body, bank, self._setting)
+        compensation(np.eye(1), 1.0, np.eye(1))
 
     def push_samples(self, samples: Samples, epoch: int) -> None:
         """Raw samples are not needed: states and controls come with the history."""

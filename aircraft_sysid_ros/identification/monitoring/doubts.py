@@ -22,7 +22,7 @@ import numpy.typing as npt
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, AerodynamicModel
 from aircraft_sysid_ros.identification.estimators.recursive_least_squares import least_squares
 from aircraft_sysid_ros.identification.history import ParameterCheckpoint
-from aircraft_sysid_ros.identification.monitoring.agreement import SplitHalfAgreement
+from aircraft_sysid_ros.identification.monitoring.agreement import SplitHalfAgreement, solved
 from aircraft_sysid_ros.identification.monitoring.hold import Hold, held
 from aircraft_sysid_ros.identification.monitoring.range_agreement import RangeAgreement
 from aircraft_sysid_ros.identification.monitoring.residuals import ResidualMonitor
@@ -48,6 +48,7 @@ class Doubts:
     def warm_up(self) -> None:
         """Compile, or load from the cache, what is needed late."""
         self._ranges.warm_up()
+        solved(np.eye(4))
 
     def add(self, asked: npt.NDArray[np.bool_], samples: npt.NDArray[np.float64]) -> None:
         """New samples (m, …) for the axes (6,) that are asked."""
