@@ -18,7 +18,7 @@ import os
 import pickle
 import shutil
 import threading
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from itertools import count
 from pathlib import Path
@@ -53,11 +53,11 @@ class OnDisk:
         self.path, self.kind = path, kind
         self.count, self.wrong = 0, ""  # records in the file; why it takes no more
         self._in_memory: list[npt.NDArray[Any]] = []
-        self.file = os.open(path, os.O_CREAT | os.O_APPEND | os.O_RDWR, 0o644)
+        self.file: int | None = os.open(path, os.O_CREAT | os.O_APPEND | os.O_RDWR, 0o644)  # None: closed
 
     def append(self, records: npt.NDArray[Any]) -> None:
         """New records (n,), in order."""
-        if self.wrong:
+        if self.wrong or self.file is None:
             self._in_memory.append(records.copy())
             return
         content = records.tobytes()
@@ -71,14 +71,32 @@ class OnDisk:
         else:
             self.count += len(records)
 
+    def try_again(self) -> None:
+        """There is room on the disk again: what is in memory goes there, as far as it does."""
+        self.wrong, waiting, self._in_memory = "", self._in_memory, []
+        for records in waiting:
+            self.append(records)
+
+    @property
+    def on_disk(self) -> npt.NDArray[Any]:
+        """Records (n,) in the file."""
+        return np.memmap(self.path, self.kind, "r", shape=(self.count,)) if self.count else np.empty(0, self.kind)
+
     def __iter__(self) -> Iterator[npt.NDArray[Any]]:
         if self.count:
-            yield np.memmap(self.path, self.kind, "r", shape=(self.count,))
+            yield self.on_disk
         yield from self._in_memory
 
     def close(self) -> None:
         """Write no more; what has come stays."""
-        os.close(self.file)
+        if self.file is not None:
+            os.close(self.file)
+            self.file = None
+
+    def discard(self) -> None:
+        """Forget all, and give the room back."""
+        self.close()
+        self.path.unlink(missing_ok=True)
 
 
 class RowsOnDisk:
@@ -110,12 +128,17 @@ class RowsOnDisk:
         for part in self._parts:
             part.close()
 
+    def discard(self) -> None:
+        """Forget all, and give the room back."""
+        for part in self._parts:
+            part.discard()
+
 
 class ObjectsOnDisk:
     """Objects in place of a list of them, for the process that wrote them alone."""
 
     def __init__(self, path: Path) -> None:
-        self._file = path.open("w+b")
+        self._path, self._file = path, path.open("w+b")
         self._end = 0
         self._in_memory: list[Any] = []
 
@@ -143,16 +166,28 @@ class ObjectsOnDisk:
         with suppress(OSError):
             self._file.close()
 
+    def discard(self) -> None:
+        """Forget all, and give the room back."""
+        self.close()
+        self._path.unlink(missing_ok=True)
+
 
 class FlightJournal:
     """A flight in progress, on disk instead of in memory; in place of a list of its samples."""
 
-    def __init__(self, run: str | Path, aircraft: Aircraft, options: Mapping[str, Any]) -> None:
-        """``options``: those of both steps, for ``recover``. Raises InputError where it cannot be written, or is flown.
+    def __init__(
+        self,
+        run: str | Path,
+        aircraft: Aircraft,
+        options: Mapping[str, Any],
+        say: Callable[[str], None] = lambda text: None,
+    ) -> None:
+        """``options``: those of both steps, for ``recover``. ``say``: is told in flight when the disk is full.
 
-        A flight of that name that was cut off is kept under another one.
+        Raises InputError where it cannot be written, or is flown. A flight of that name that was cut off is kept under
+        another one.
         """
-        self.path = journal_path(run)
+        self.path, self._say = journal_path(run), say
         #: What became of a flight that had been cut off, in words; empty: there was none.
         self.kept = _kept_aside(self.path, run) if self.path.exists() else ""
         try:
@@ -164,7 +199,9 @@ class FlightJournal:
             self._records = OnDisk(self.path / RECORDS, RECORD)
         except OSError as error:
             raise InputError(f"cannot write {self.path}: {error.strerror}") from None
-        fcntl.flock(self._records.file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        assert self._records.file is not None  # just opened
+        self._file = self._records.file
+        fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         #: What was estimated, for the run that this process writes.
         self.rows, self.points = RowsOnDisk(self.path / "states"), RowsOnDisk(self.path / "points")
         self.parameters = ObjectsOnDisk(self.path / "parameters.bin")
@@ -195,7 +232,10 @@ class FlightJournal:
         records = np.empty(len(samples), RECORD)
         records["begin"], records["end"], records["kind"] = _MARK, _MARK, samples.kind
         records["stamp"], records["values"] = samples.stamp, samples.values
+        was_full = bool(self._records.wrong)
         self._records.append(records)
+        if self._records.wrong and not was_full:
+            self._say(f"{self.note}, and is lost if the run cannot be written: make room in {self.path.parent}")
 
     def __iter__(self) -> Iterator[Samples]:
         return map(_samples, self._records)
@@ -204,6 +244,24 @@ class FlightJournal:
         """Forget the flight: its run has been written, or there was none."""
         self.close()
         shutil.rmtree(self.path, ignore_errors=True)
+
+    def keep(self) -> str:
+        """End without a run; returns what is kept, in words.
+
+        What ``recover`` makes anew makes room for samples that the disk had not taken.
+        """
+        if self.is_open and self._records.wrong:
+            for part in (self.rows, self.points, self.parameters):
+                part.discard()
+            self._records.try_again()
+        last = max((int(part["stamp"].max()) for part in self._records if len(part)), default=0)
+        self.close()
+        if not self._records.wrong:
+            return "its flight is kept"
+        stamps = self._records.on_disk["stamp"]
+        begin = int(stamps.min()) if len(stamps) else last
+        kept, whole = (1e-9 * (end - begin) for end in (int(stamps.max(initial=begin)), last))
+        return f"of its flight the first {kept:.1f} s of {whole:.1f} s are kept, the rest is lost"
 
     def close(self) -> None:
         """Write no more; what has come stays."""
@@ -216,7 +274,7 @@ class FlightJournal:
     def _flush(self) -> None:
         while not self._ended.wait(0.5 * FLUSHED):
             with suppress(OSError):  # the next write says it, too
-                os.fsync(self._records.file)
+                os.fsync(self._file)
 
 
 def recovered(run: str | Path) -> tuple[dict[str, Any], Path, Samples]:

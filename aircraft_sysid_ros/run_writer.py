@@ -15,7 +15,7 @@ import itertools
 import os
 import tempfile
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from types import TracebackType
@@ -74,15 +74,16 @@ class RunWriter:
         *,
         overwrite: bool = False,
         in_progress: Mapping[str, Any] | None = None,
+        say: Callable[[str], None] = lambda text: None,
     ) -> None:
         """``in_progress``: the options of both steps of a flight that is flown now; its samples go to disk as they come
-        (``flight_journal``). Raises InputError where the run cannot be written.
+        (``flight_journal``), and ``say`` is told when that is full. Raises InputError where the run cannot be written.
         """
         self.path = Path(path)
         self._check = partial(_check_target, self.path, overwrite)
         self._check()
         self._aircraft = aircraft
-        self._journal = None if in_progress is None else FlightJournal(path, aircraft, in_progress)
+        self._journal = None if in_progress is None else FlightJournal(path, aircraft, in_progress, say)
         self._samples: list[Samples] | FlightJournal = [] if self._journal is None else self._journal
         self._rows: list[Array] | RowsOnDisk = [] if self._journal is None else self._journal.rows
         self._points: list[Array] | RowsOnDisk = [] if self._journal is None else self._journal.points
@@ -195,8 +196,7 @@ class RunWriter:
         except (OSError, InputError) as error:  # the second from the writer of the estimates
             kept = ""
             if self._journal is not None:
-                self._journal.close()
-                kept = f"; its flight is kept: aircraft-sysid recover {self.path}"
+                kept = f"; {self._journal.keep()}: make room, then aircraft-sysid recover {self.path}"
             reason = getattr(error, "strerror", None) or str(error).rpartition(": ")[2]
             raise InputError(f"cannot write the run {self.path}: {reason}{kept}") from None
         if self._journal is not None:

@@ -82,15 +82,20 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         in_progress["calibration"] = {"file": str(args.calibration), "content": content}
     writer = None
     if args.out:
-        writer = RunWriter(args.out, aircraft, overwrite=args.overwrite, in_progress=in_progress)
+        writer = RunWriter(args.out, aircraft, overwrite=args.overwrite, in_progress=in_progress, say=_say)
         if writer.kept_aside:
-            print(f"aircraft-sysid live: {writer.kept_aside}", file=sys.stderr, flush=True)
+            _say(writer.kept_aside)
     with writer or nullcontext():
         result = _with_nodes(args, options, writer)
     missing = lost_in_words(result["lost"])
     if args.reliable and missing:
         raise IncompleteError(f"{missing}; the result is of those that came", result)
     return result
+
+
+def _say(text: str) -> None:
+    """A line beside the result, at once."""
+    print(f"aircraft-sysid live: {text}", file=sys.stderr, flush=True)
 
 
 def _with_nodes(

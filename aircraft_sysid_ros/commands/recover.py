@@ -52,7 +52,10 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     if correction and pipeline.state.options.air_data_errors:
         pipeline.state.take_start(start_of_calibration(calibration_from_dict(correction["content"])))
     seconds = (int(samples.stamp.max()) - int(samples.stamp.min())) * 1e-9
-    told = [f"the flight was cut off: recovered from the {len(samples)} samples of {seconds:.1f} s that were on disk"]
+    told = [
+        f"the flight was cut off, or its run could not be written: recovered from the {len(samples)} samples of "
+        f"{seconds:.1f} s that were on disk, and what came after them is lost"
+    ]
     with RunWriter(args.run, aircraft, overwrite=args.overwrite) as writer:
         pipeline.warm_up()
         started = time.perf_counter()

@@ -142,6 +142,37 @@ def test_a_full_disk_does_not_end_the_flight(journal, samples, monkeypatch):
     assert "No space left on device" in journal.note
 
 
+@pytest.mark.parametrize("makes_room", [True, False])
+def test_what_a_full_disk_did_not_take_is_kept_without_a_run_or_said_to_be_lost(
+    aircraft, samples, tmp_path, monkeypatch, makes_room
+):
+    """It was in memory and gone with the process, and "its flight is kept" stood there all the same."""
+    write, largest, said = os.write, 20_000, []
+
+    def written_up_to(file, content):
+        if os.fstat(file).st_size >= largest:
+            raise OSError(28, "No space left on device")
+        return write(file, content[:50])
+
+    journal = FlightJournal(tmp_path / "run", aircraft, {}, said.append)
+    journal.rows.append(np.ones((10, 3)))
+    monkeypatch.setattr(os, "write", written_up_to)
+    for k in range(0, len(samples), 7):
+        journal.append(samples[k : k + 7])
+    (warning,) = said
+    assert "No space left on device" in warning and warning.endswith(f"make room in {tmp_path}")
+    if makes_room:
+        monkeypatch.setattr(os, "write", write)
+    kept = journal.keep()
+    found = recovered(tmp_path / "run")[2]
+    np.testing.assert_array_equal(found.stamp, samples.stamp[: len(found)])
+    assert not [*journal.path.glob("states*")]
+    whole, there = (1e-9 * np.ptp(each.stamp) for each in (samples, found))
+    lost = f"of its flight the first {there:.1f} s of {whole:.1f} s are kept, the rest is lost"
+    assert kept == ("its flight is kept" if makes_room else lost)
+    assert (len(found) == len(samples)) == makes_room and len(found) > 100
+
+
 def test_a_disk_that_is_full_when_the_run_is_written_keeps_the_flight(aircraft, samples, tmp_path):
     """Its estimates are the first and largest file: when they did not fit, the journal was deleted as well."""
     run, limits = tmp_path / "run", resource.getrlimit(resource.RLIMIT_FSIZE)
