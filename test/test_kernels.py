@@ -119,3 +119,56 @@ def test_after_an_update_no_kernel_runs_with_what_another_file_was(tmp_path):
     assert answer() == ["6.0", "0"]
     write(constants="FACTOR = 3.0\n", inner=sources["inner"].replace("1.0", "2.0"))
     assert answer() == ["9.0", "0"] and answer() == ["9.0", "1"]
+
+
+IN_FLIGHT = """
+import gc, json, sys, tempfile
+from pathlib import Path
+import numpy as np
+from numba.core.dispatcher import Dispatcher
+from aircraft_sysid_ros.aircraft.configuration import aircraft_from_dict
+from aircraft_sysid_ros.flight_check import in_flight
+from aircraft_sysid_ros.identification import model_change
+from aircraft_sysid_ros.identification.model_file import load_model, save_model
+from aircraft_sysid_ros.identification.options import ParameterOptions
+from aircraft_sysid_ros.pipeline import Pipeline
+from aircraft_sysid_ros.simulation.simulated_flight import default_aircraft, simulate_samples
+
+def kernels():
+    known = [each for each in gc.get_objects() if isinstance(each, Dispatcher)]
+    return {f"{each.py_func.__module__}.{each.py_func.__name__}": len(each.overloads) for each in known}
+
+aircraft, options = default_aircraft(), ParameterOptions(estimator=sys.argv[2])
+if sys.argv[1] == "shape":
+    keys = ("name", "mass", "wing_area", "span", "chord", "inertia")
+    aircraft = aircraft_from_dict({key: aircraft.source[key] for key in keys})
+samples = simulate_samples(default_aircraft(), 5, 60.0).samples
+time = (samples.stamp - samples.stamp[0]) * 1e-9
+samples = samples[(time < 40.0) | (time > 45.0)]  # and it has to start once more
+pipeline = Pipeline(aircraft, None, options)
+pipeline.warm_up()
+in_flight.warm_up()
+model_change.warm_up(aircraft, options)
+before = kernels()
+with tempfile.TemporaryDirectory() as folder:
+    for first in range(0, len(samples), 2000):
+        pipeline.push(samples[first : first + 2000])
+        pipeline.parameters.snapshot()
+        pipeline.parameters.model_error()
+        pipeline.state.summary()
+        if first == 10000:
+            save_model(pipeline.parameters, Path(folder) / "model.json")
+            load_model(pipeline.parameters, Path(folder) / "model.json")
+late = [name for name, count in kernels().items() if count > before.get(name, 0)]
+print(json.dumps({"late": late, "updates": int(pipeline.parameters.learning.least_squares.state.updates.max())}))
+"""
+
+
+@pytest.mark.parametrize(("file", "estimator"), [("shape", "auto"), ("whole", "fourier")])
+def test_what_a_flight_needs_is_compiled_before_it(file, estimator):
+    """A kernel that was first called after half a minute stopped a node for 17 s on a new machine, and lost samples."""
+    command = [sys.executable, "-c", IN_FLIGHT, file, estimator]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    found = json.loads(done.stdout)
+    assert found["updates"] > 500 and found["late"] == []

@@ -70,6 +70,12 @@ def test_nothing_half_written_stays(tmp_path):
     assert [f.name for f in tmp_path.iterdir()] == ["folder"]
 
 
+def test_what_cannot_be_written_has_its_own_name(tmp_path):
+    """And not that of the part that would have been renamed."""
+    with pytest.raises(OSError, match=r"nowhere/page\.html'$"):
+        write_whole(tmp_path / "nowhere" / "page.html", "text")
+
+
 def test_sentences_print_and_have_an_end():
     """Escapes of a terminal, marks that turn the order of letters, and megabytes of input do not reach the user."""
     hostile = "name\x1b[2J\x1b]0;title\x07 \u202egnp.exe\x9b31m\r\nerase"

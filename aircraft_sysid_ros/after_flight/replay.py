@@ -93,6 +93,10 @@ def replay(
     return result
 
 
+#: What is told before kernels are loaded: compiled where no process has run them yet.
+FIRST_START = "get ready (a first start compiles, for minutes)"
+
+
 def _flown(
     bags: Sequence[str], aircraft: Aircraft, out: str | Path, options: ReplayOptions, tell: Tell
 ) -> tuple[Pipeline, dict[str, Any] | None]:
@@ -102,6 +106,7 @@ def _flown(
     if correction is not None and options.state.air_data_errors:
         pipeline.state.take_start(start_of_calibration(correction.calibration))
     with RunWriter(out, aircraft, overwrite=options.overwrite) as writer, SmootherHistory() as tape:
+        tell(FIRST_START, 0.0)
         pipeline.warm_up()
         known_types()  # parsed once per process, as kernels are loaded
         if options.smooth:

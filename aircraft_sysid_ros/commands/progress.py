@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -16,6 +17,8 @@ from aircraft_sysid_ros.errors import InputError
 
 #: Where there is no terminal to show a bar, how far long work has come is said every so many seconds.
 TOLD_EVERY = 30.0
+#: What lasts is said again no sooner [s].
+_SOONEST = 1.0
 
 
 @contextmanager
@@ -30,9 +33,8 @@ def progress_bar() -> Iterator[Progress]:
 @contextmanager
 def telling(what: str = "") -> Iterator[Tell]:
     """A bar that hears what is being done and its share; where there is no terminal, a line now and then."""
-    with progress_bar() as progress:
+    with progress_bar() as progress, _now_and_then(progress) as say:
         task = progress.add_task(what, total=1.0)
-        say = _now_and_then(progress)
 
         def tell(now: str, share: float) -> None:
             progress.update(task, description=now or what, completed=share)
@@ -44,8 +46,8 @@ def telling(what: str = "") -> Iterator[Tell]:
 @contextmanager
 def counting(what: str) -> Iterator[Callable[[str, int, int], None]]:
     """The same for what is counted: what is being done, how much of it is, and of how much, 0 where nobody knows."""
-    with progress_bar() as progress:
-        task, say = progress.add_task(what, total=None), _now_and_then(progress)
+    with progress_bar() as progress, _now_and_then(progress) as say:
+        task = progress.add_task(what, total=None)
 
         def tell(now: str, done: int, of: int) -> None:
             progress.update(task, description=now, completed=done, total=of or None)
@@ -54,17 +56,35 @@ def counting(what: str) -> Iterator[Callable[[str, int, int], None]]:
         yield tell
 
 
-def _now_and_then(progress: Progress) -> Callable[[str], None]:
-    """What says how far long work has come where its bar is not shown, as in the log of a batch system."""
-    said = time.monotonic()
+@contextmanager
+def _now_and_then(progress: Progress) -> Iterator[Callable[[str], None]]:
+    """What says how far long work has come where its bar is not shown, as in the log of a batch system.
+
+    Also while one step of it lasts, as where kernels are compiled.
+    """
+    said, newest, ended, one = time.monotonic(), "", threading.Event(), threading.Lock()
 
     def say(text: str) -> None:
-        nonlocal said
-        if progress.disable and time.monotonic() - said >= TOLD_EVERY:
-            said = time.monotonic()
-            print(text, file=sys.stderr, flush=True)
+        nonlocal said, newest
+        with one:
+            newest = text
+            if progress.disable and text and time.monotonic() - said >= TOLD_EVERY:
+                said = time.monotonic()
+                print(text, file=sys.stderr, flush=True)
 
-    return say
+    def say_again() -> None:
+        while not ended.wait(max(TOLD_EVERY, _SOONEST)):
+            say(newest)
+
+    speaker = threading.Thread(target=say_again, daemon=True)
+    if progress.disable:
+        speaker.start()
+    try:
+        yield say
+    finally:
+        ended.set()
+        if speaker.is_alive():
+            speaker.join()
 
 
 def say_ready(path: str | None) -> None:

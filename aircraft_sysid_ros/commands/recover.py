@@ -11,7 +11,7 @@ import shutil
 import time
 from typing import Any
 
-from aircraft_sysid_ros.after_flight.replay import feed
+from aircraft_sysid_ros.after_flight.replay import FIRST_START, feed
 from aircraft_sysid_ros.after_flight.replay_notes import estimator_notes, rate_notes, why_no_start
 from aircraft_sysid_ros.aircraft.configuration import load_aircraft
 from aircraft_sysid_ros.calibration.calibration_file import calibration_from_dict
@@ -57,9 +57,10 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         f"{seconds:.1f} s that were on disk, and what came after them is lost"
     ]
     with RunWriter(args.run, aircraft, overwrite=args.overwrite) as writer:
-        pipeline.warm_up()
-        started = time.perf_counter()
         with telling() as tell:
+            tell(FIRST_START, 0.0)
+            pipeline.warm_up()
+            started = time.perf_counter()
             feed(pipeline, samples, writer, tell=tell)
         if not pipeline.state.has_been_aligned:
             raise InputError(f"nothing is written, since the filter never started: {why_no_start(pipeline.state)}")

@@ -219,7 +219,7 @@ def _verdict(alone: float, noise: float, theta: float, std: float, effect: float
     if alone == 0.0:
         return False, 0.0, error, "it does not move"
     if excitation < EXCITATION:
-        return False, excitation, error, f"moves {excitation:.1f} times its noise on its own, {EXCITATION:g} needed"
+        return False, excitation, error, f"moves {excitation:.2f} times its noise on its own, {EXCITATION:g} needed"
     small = effect < NEGLIGIBLE
     if error > RELATIVE_ERROR and not small:
         return False, excitation, error, f"expected standard error {100.0 * min(error, 9.99):.0f} % of its value"

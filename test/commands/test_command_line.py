@@ -5,12 +5,15 @@ import os
 import shutil
 import subprocess
 import sys
+import time
 from dataclasses import replace as replaced
 from pathlib import Path
 
 import numpy as np
 import pytest
+from waiting import LONGEST
 
+from aircraft_sysid_ros.commands import progress
 from aircraft_sysid_ros.commands.main import main
 from aircraft_sysid_ros.processes import ONE_THREAD
 from aircraft_sysid_ros.recordings.writer import RecordingWriter
@@ -710,3 +713,17 @@ def test_what_a_library_says_is_not_part_of_the_answer(cli, monkeypatch):
     monkeypatch.setattr("aircraft_sysid_ros.commands.compare.run", run)
     status, out, err = cli("compare", "run", "--json")
     assert (status, json.loads(out)) == (0, {"answer": 42}) and "RTPS" in err
+
+
+def test_a_step_that_lasts_is_said_again(monkeypatch, capsys):
+    """In the log of a batch system a first start said nothing for minutes, while it compiled."""
+    monkeypatch.setattr(progress, "TOLD_EVERY", 0.01)
+    monkeypatch.setattr(progress, "_SOONEST", 0.01)
+    heard: list[str] = []
+
+    end = time.monotonic() + LONGEST
+    with progress.telling() as tell:
+        tell("compile", 0.0)
+        while len(heard) < 3 and time.monotonic() < end:
+            heard.extend(capsys.readouterr().err.splitlines())
+    assert len(heard) >= 3 and set(heard) == {"compile: 0 %"}
