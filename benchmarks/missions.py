@@ -1,6 +1,6 @@
 """What `check` and `diagnose` say of missions of JSBSim's aeroplanes: clean ones, and such in which something fails.
 
-    python benchmarks/missions.py [--clean 60] [--failed 36] [--moved 18] [--first 9946000] [--jobs 2]
+    python benchmarks/missions.py [--clean 60] [--failed 36] [--moved 18] [--first 10700001] [--jobs 2]
     python benchmarks/missions.py --aeroplanes strangers --first 9961000
 
 The flights are those of jsbsim_missions.py, each with a layout of a log that is drawn; each is a line in
@@ -33,7 +33,7 @@ from aircraft_sysid_ros.flight_check.signals import flight_of
 from aircraft_sysid_ros.simulation.jsbsim_flight import MODELS
 
 RESULTS = Path(__file__).parent / "results" / "missions.jsonl"
-FIRST = 9_946_000
+FIRST = 10_700_001
 USUAL = "usual"
 AEROPLANES = {USUAL: MODELS, "known": jsbsim_missions.KNOWN, "strangers": jsbsim_missions.STRANGERS}
 #: Rates [Hz] of a logger: of the IMU, of the commands, and of airspeed, 0 where there is none.

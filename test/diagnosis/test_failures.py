@@ -14,8 +14,10 @@ import numpy as np
 import pytest
 from scipy.linalg import solve_toeplitz
 
+from aircraft_sysid_ros.diagnosis.failures import failures as found_failures
 from aircraft_sysid_ros.diagnosis.failures.axis_relation import AxisRelation, whitened, with_power
 from aircraft_sysid_ros.diagnosis.failures.coloured_fit import coloured_fit
+from aircraft_sysid_ros.diagnosis.failures.episode import Times
 from aircraft_sysid_ros.diagnosis.failures.failures import by_forces, failures_of
 from aircraft_sysid_ros.diagnosis.failures.force_balance import force_balance
 from aircraft_sysid_ros.diagnosis.failures.interval_search import (
@@ -421,3 +423,23 @@ def test_nothing_is_added_by_forces_where_diagnose_would_say_nothing(stuck, tmp_
 def test_a_wind_contradicts_calm_air(stuck, engine) -> None:
     assert "wind of" in contradicted_calm(stuck.samples, stuck.aircraft.minimum_airspeed)
     assert contradicted_calm(engine.samples, engine.aircraft.minimum_airspeed) == "", "its airspeed is measured"
+
+
+@pytest.mark.parametrize(
+    ("axis", "evidence", "made", "since", "came"),
+    [
+        ("Cn", 90.0, 5.0, 60.0, True),
+        ("Cn", 20.0, 5.0, 60.0, False),  # no evidence
+        ("Cn", 90.0, 80.0, 60.0, False),  # the aileron makes it
+        ("Cn", 90.0, 5.0, 95.0, False),  # at another time
+        ("Cm", 90.0, 5.0, 60.0, False),  # no moment of a rudder
+    ],
+)
+def test_an_aileron_is_not_stuck_where_something_yaws_at_the_same_time(axis, evidence, made, since, came):
+    """A rudder that stood aside, against which ailerons held the bank, had been one."""
+    seconds = np.arange(0.0, 100.0, 0.1)
+    failure = SimpleNamespace(main_axis="Cl", gains={"Cl": 210.0, "Cn": made}, times=(Times(60.0, 80.0, 0.5, 0.5),))
+    form = SimpleNamespace(balance=SimpleNamespace(time=seconds), search=SimpleNamespace(count=len(seconds)))
+    hypothesis = SimpleNamespace(share=lambda count: (seconds >= since).astype(float))
+    constant = SimpleNamespace(main_axis=axis, evidence=evidence, gains={axis: 95.0}, hypothesis=hypothesis)
+    assert found_failures._came_with(failure, form, constant) is came
