@@ -18,6 +18,7 @@ import os
 import pickle
 import shutil
 import threading
+import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from itertools import count
@@ -40,6 +41,8 @@ Array = npt.NDArray[np.float64]
 FLIGHT, RECORDS = "flight.json", "samples.bin"
 #: Longest time [s] until what has come is on the disk itself.
 FLUSHED = 2.0
+#: Time [s] between tries to write to a disk that was full.
+_AGAIN = 10.0
 _FORMAT = "aircraft_sysid_ros flight 1"
 #: Begins and ends every record: blocks that a power cut left empty hold zeros.
 _MARK = 0xA5
@@ -57,6 +60,8 @@ class OnDisk:
 
     def append(self, records: npt.NDArray[Any]) -> None:
         """New records (n,), in order."""
+        if self.file is None:
+            self.wrong = self.wrong or "it was closed"
         if self.wrong or self.file is None:
             self._in_memory.append(records.copy())
             return
@@ -65,14 +70,15 @@ class OnDisk:
             while content:
                 content = content[os.write(self.file, content) :]
         except OSError as error:
-            os.ftruncate(self.file, self.count * self.kind.itemsize)
+            with suppress(OSError):  # what is cut off is passed over
+                os.ftruncate(self.file, self.count * self.kind.itemsize)
             self.wrong = error.strerror or str(error)
             self._in_memory.append(records.copy())
         else:
             self.count += len(records)
 
     def try_again(self) -> None:
-        """There is room on the disk again: what is in memory goes there, as far as it does."""
+        """Perhaps there is room on the disk again: what is in memory goes there, as far as it does."""
         self.wrong, waiting, self._in_memory = "", self._in_memory, []
         for records in waiting:
             self.append(records)
@@ -96,7 +102,9 @@ class OnDisk:
     def discard(self) -> None:
         """Forget all, and give the room back."""
         self.close()
-        self.path.unlink(missing_ok=True)
+        with suppress(OSError):
+            self.path.unlink()
+        self.count, self._in_memory = 0, []
 
 
 class RowsOnDisk:
@@ -132,6 +140,7 @@ class RowsOnDisk:
         """Forget all, and give the room back."""
         for part in self._parts:
             part.discard()
+        self._parts = []
 
 
 class ObjectsOnDisk:
@@ -169,7 +178,9 @@ class ObjectsOnDisk:
     def discard(self) -> None:
         """Forget all, and give the room back."""
         self.close()
-        self._path.unlink(missing_ok=True)
+        with suppress(OSError):
+            self._path.unlink()
+        self._end, self._in_memory = 0, []
 
 
 class FlightJournal:
@@ -187,7 +198,7 @@ class FlightJournal:
         Raises InputError where it cannot be written, or is flown. A flight of that name that was cut off is kept under
         another one.
         """
-        self.path, self._say = journal_path(run), say
+        self.path, self._run, self._say, self._due = journal_path(run), run, say, 0.0
         #: What became of a flight that had been cut off, in words; empty: there was none.
         self.kept = _kept_aside(self.path, run) if self.path.exists() else ""
         try:
@@ -225,7 +236,7 @@ class FlightJournal:
         if not self._records.wrong:
             return ""
         what = f"the disk took no more after {self._records.count} samples ({self._records.wrong})"
-        return f"{what}: the rest was in memory alone"
+        return f"{what}: the rest is in memory alone"
 
     def append(self, samples: Samples) -> None:
         """New samples, in the order of arrival."""
@@ -233,9 +244,14 @@ class FlightJournal:
         records["begin"], records["end"], records["kind"] = _MARK, _MARK, samples.kind
         records["stamp"], records["values"] = samples.stamp, samples.values
         was_full = bool(self._records.wrong)
+        if was_full and time.monotonic() >= self._due:
+            self._due = time.monotonic() + _AGAIN
+            self._records.try_again()
         self._records.append(records)
         if self._records.wrong and not was_full:
-            self._say(f"{self.note}, and is lost if the run cannot be written: make room in {self.path.parent}")
+            self._due = time.monotonic() + _AGAIN
+            with suppress(OSError, ValueError):  # the log may be on the same disk, and nothing ends a flight
+                self._say(f"{self.note}: make room in {self.path.parent.absolute()}, or it is lost with the process")
 
     def __iter__(self) -> Iterator[Samples]:
         return map(_samples, self._records)
@@ -254,14 +270,12 @@ class FlightJournal:
             for part in (self.rows, self.points, self.parameters):
                 part.discard()
             self._records.try_again()
-        last = max((int(part["stamp"].max()) for part in self._records if len(part)), default=0)
+        kept, whole = self._records.count, sum(len(part) for part in self._records)
         self.close()
-        if not self._records.wrong:
-            return "its flight is kept"
-        stamps = self._records.on_disk["stamp"]
-        begin = int(stamps.min()) if len(stamps) else last
-        kept, whole = (1e-9 * (end - begin) for end in (int(stamps.max(initial=begin)), last))
-        return f"of its flight the first {kept:.1f} s of {whole:.1f} s are kept, the rest is lost"
+        if not kept:
+            return f"nothing of its flight is kept: {self.note}"
+        what = "its flight is kept" if kept == whole else f"of its flight the first {kept} of {whole} samples are kept"
+        return f"{what}: aircraft-sysid recover {self._run}"
 
     def close(self) -> None:
         """Write no more; what has come stays."""

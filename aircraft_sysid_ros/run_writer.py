@@ -16,6 +16,7 @@ import os
 import tempfile
 import time
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from types import TracebackType
@@ -82,7 +83,7 @@ class RunWriter:
         self.path = Path(path)
         self._check = partial(_check_target, self.path, overwrite)
         self._check()
-        self._aircraft = aircraft
+        self._aircraft, self._say = aircraft, say
         self._journal = None if in_progress is None else FlightJournal(path, aircraft, in_progress, say)
         self._samples: list[Samples] | FlightJournal = [] if self._journal is None else self._journal
         self._rows: list[Array] | RowsOnDisk = [] if self._journal is None else self._journal.rows
@@ -112,7 +113,10 @@ class RunWriter:
         ):  # there was no flight
             self._journal.clear()
         else:
-            self._journal.close()
+            kept = self._journal.keep()
+            if self._journal.note:
+                with suppress(OSError, ValueError):  # another error is under way
+                    self._say(kept)
 
     def add_rows(self, rows: Array) -> None:
         """New rows of StateField, in order; STATE_RATE of them are kept per second."""
@@ -194,14 +198,13 @@ class RunWriter:
                 write_json(new / STATE, result["state"])
                 put_in_place(new, self.path, Path(folder) / "replaced", self._check)
         except (OSError, InputError) as error:  # the second from the writer of the estimates
-            kept = ""
-            if self._journal is not None:
-                kept = f"; {self._journal.keep()}: make room, then aircraft-sysid recover {self.path}"
             reason = getattr(error, "strerror", None) or str(error).rpartition(": ")[2]
-            raise InputError(f"cannot write the run {self.path}: {reason}{kept}") from None
-        if self._journal is not None:
-            self._journal.clear()
-        return result
+        else:
+            if self._journal is not None:
+                self._journal.clear()
+            return result
+        kept = "" if self._journal is None else f"; {self._journal.keep()}"  # now that nothing holds its files
+        raise InputError(f"cannot write the run {self.path}: {reason}{kept}")
 
     def _doubt_calm_air(self, state: StateEstimator, result: dict[str, Any]) -> None:
         """Hold every parameter of a flight whose speed over ground shows a wind that was taken for none."""

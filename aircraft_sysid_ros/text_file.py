@@ -20,9 +20,9 @@ def write_whole(path: Path, content: str | bytes) -> None:
         part.write_bytes(content.encode() if isinstance(content, str) else content)
         os.replace(part, path)
     except OSError as error:
-        part.unlink(missing_ok=True)
-        error.filename = str(path)  # nobody knows the name of the part
-        raise
+        with contextlib.suppress(OSError):
+            part.unlink()
+        raise OSError(error.errno, error.strerror, str(path)) from None  # nobody knows the name of the part
 
 
 @contextlib.contextmanager

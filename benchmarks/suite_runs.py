@@ -30,7 +30,7 @@ def run(number: int) -> dict[str, Any]:
         ["make", "test"], check=False, cwd=ROOT, stdin=subprocess.DEVNULL, capture_output=True, text=True
     )
     seconds = time.monotonic() - start
-    said = re.findall(r"(?m)^\d+ \w+, .* in [0-9.]+s.*$", done.stdout)
+    said = re.findall(r"(?m)^\d+ \w+.* in [0-9.]+s.*$", done.stdout)
     if done.returncode != 0:
         (ROOT / "build" / f"suite_run_{number}.txt").write_text(done.stdout + done.stderr)
     return {
@@ -47,8 +47,9 @@ def main() -> None:
     parser.add_argument("--runs", type=int, default=20)
     parser.add_argument("--busy", type=int, default=2, help="processes beside it; 0 where others are there")
     asked = parser.parse_args()
-    busy = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(asked.busy)]
+    (ROOT / "build").mkdir(exist_ok=True)
     commit = subprocess.check_output(["git", "rev-parse", "--short", "HEAD"], cwd=ROOT, text=True).strip()
+    busy = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(asked.busy)]
     try:
         for number in range(1, asked.runs + 1):
             result = {"commit": commit, "busy": asked.busy, **run(number)}

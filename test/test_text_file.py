@@ -72,8 +72,11 @@ def test_nothing_half_written_stays(tmp_path):
 
 def test_what_cannot_be_written_has_its_own_name(tmp_path):
     """And not that of the part that would have been renamed."""
-    with pytest.raises(OSError, match=r"nowhere/page\.html'$"):
-        write_whole(tmp_path / "nowhere" / "page.html", "text")
+    (tmp_path / "file").touch()
+    (tmp_path / "folder").mkdir()
+    for name in ("nowhere/page.html", "file/page.html", "folder"):
+        with pytest.raises(OSError, match=rf": '\S+/{name}'$"):
+            write_whole(tmp_path / name, "text")
 
 
 def test_sentences_print_and_have_an_end():

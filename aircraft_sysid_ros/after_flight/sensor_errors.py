@@ -56,5 +56,5 @@ def _of_imu(state: Mapping[str, Any]) -> Iterator[Row]:
                 yield _row(f"{name}.{axis}", value, std, std < LEARNT * before)
 
 
-def _row(name: str, value: float, std: float, is_told: bool) -> Row:
-    return {"name": name, "value": float(value), "std": float(std), "status": USE if is_told else HOLD}
+def _row(name: str, value: float, std: float, usable: bool) -> Row:
+    return {"name": name, "value": float(value), "std": float(std), "status": USE if usable else HOLD}

@@ -6,7 +6,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from rich.console import Console
@@ -17,8 +17,8 @@ from aircraft_sysid_ros.errors import InputError
 
 #: Where there is no terminal to show a bar, how far long work has come is said every so many seconds.
 TOLD_EVERY = 30.0
-#: What lasts is said again no sooner [s].
-_SOONEST = 1.0
+#: Time [s] between looks whether there is something to say.
+_LOOK = 1.0
 
 
 @contextmanager
@@ -64,17 +64,22 @@ def _now_and_then(progress: Progress) -> Iterator[Callable[[str], None]]:
     """
     said, newest, ended, one = time.monotonic(), "", threading.Event(), threading.Lock()
 
+    def say_if_due() -> None:
+        nonlocal said
+        if progress.disable and newest and time.monotonic() - said >= TOLD_EVERY:
+            said = time.monotonic()
+            print(newest, file=sys.stderr, flush=True)
+
     def say(text: str) -> None:
-        nonlocal said, newest
+        nonlocal newest
         with one:
             newest = text
-            if progress.disable and text and time.monotonic() - said >= TOLD_EVERY:
-                said = time.monotonic()
-                print(text, file=sys.stderr, flush=True)
+            say_if_due()
 
     def say_again() -> None:
-        while not ended.wait(max(TOLD_EVERY, _SOONEST)):
-            say(newest)
+        while not ended.wait(_LOOK):
+            with one, suppress(OSError):  # nobody reads it any more: the work says so
+                say_if_due()
 
     speaker = threading.Thread(target=say_again, daemon=True)
     if progress.disable:

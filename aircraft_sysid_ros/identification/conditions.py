@@ -72,8 +72,8 @@ class LearntConditions:
 
     def learn_anew(self, axis: int, samples: Array) -> None:
         """An axis has changed: of what it learnt from, these samples (m, …) are left."""
-        steps = np.diff(samples[:, _TIME])
-        self.seconds[axis] = np.minimum(steps, _LONGEST_STEP).sum()
+        steps, learnt = np.diff(samples[:, _TIME]), samples[1:, LEARNT + axis] > 0.0
+        self.seconds[axis] = np.clip(steps, 0.0, _LONGEST_STEP)[learnt].sum()
 
     def signals_of(self, model: AerodynamicModel, axis: int) -> tuple[tuple[str, ...], list[str]]:
         """Signals that an axis needs, and those of them that no sample of the flight had."""

@@ -21,6 +21,7 @@ from aircraft_sysid_ros.mavlink.clock import AutopilotClock
 from aircraft_sysid_ros.mavlink.px4_table import OPTIONAL, PX4, TIMES, sample_time
 from aircraft_sysid_ros.mavlink.quantities import Batch, Fields, is_sound, readings_of
 from aircraft_sysid_ros.mavlink.servo_mapping import ServoMapping
+from aircraft_sysid_ros.stamps import NANOSECONDS
 
 #: Package of the messages.
 PACKAGE = "px4_msgs"
@@ -28,10 +29,9 @@ PACKAGE = "px4_msgs"
 FMU_OUT = "fmu/out"
 #: [ns] 2001: more is Unix time.
 _UNIX = 10**18
-_NANOSECONDS = 1_000_000_000
-_LOST_AFTER = 5 * _NANOSECONDS
+_LOST_AFTER = 5 * NANOSECONDS
 #: Synchronised clocks are believed lost after so many messages in a row, over such a time [ns].
-_CONFIRMING, _CONFIRMING_SPAN = 5, _NANOSECONDS // 2
+_CONFIRMING, _CONFIRMING_SPAN = 5, NANOSECONDS // 2
 _VERSION = re.compile(r"_v(\d+)$")
 _IMU = ("sensor_combined", "vehicle_imu")
 
@@ -93,7 +93,7 @@ class Px4Listener:
                 self._is_synchronised = True
                 self.notes.append("PX4's stamps are those of this computer's clock")
             return taken
-        if sent < self._newest_remote - _NANOSECONDS or (self._is_synchronised and self._has_lost_the_clock(now)):
+        if sent < self._newest_remote - NANOSECONDS or (self._is_synchronised and self._has_lost_the_clock(now)):
             self._start_anew(sent)
         self._newest_remote = max(sent, self._newest_remote)
         self.clock.add_one_way(sent, now)

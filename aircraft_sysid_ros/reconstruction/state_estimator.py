@@ -558,7 +558,7 @@ def warm_up(aircraft: Aircraft, *, smoother: bool = False) -> None:
     """Compile (or load from the cache) the jitted loop, and the smoother, before the first sample of a flight."""
     stamp = np.arange(0, 3 * NANOSECONDS, NANOSECONDS // 50)
     ones = np.ones(len(stamp))
-    level = np.outer(ones, [0.0, 0.0, -9.80665, 0.0, 0.0, 0.0])
+    level = np.outer(ones, [0.0, 0.0, -STANDARD_GRAVITY, 0.0, 0.0, 0.0])
     speed = 2.0 * aircraft.minimum_airspeed
     batches = [
         samples_of(Kind.GPS_POSITION, stamp, 0.1 * ones, 0.1 * ones, 100.0 * ones),

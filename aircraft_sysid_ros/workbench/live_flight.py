@@ -11,13 +11,13 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from aircraft_sysid_ros.stamps import NANOSECONDS
 from aircraft_sysid_ros.workbench.worker import ADD
 
 #: Newest messages that are kept: ten minutes of errors at one a second, five of states at four a second.
 MOST_ERRORS, MOST_STATES = 600, 1200
 #: Requests that were granted and can be taken back.
 _MOST_ADDED = 100
-_NANOSECONDS = 1e9
 #: A stamp that is older than the last by more than this [s] is of another flight.
 _BACK = 1.0
 ERRORS, PARAMETERS, MISSING, STATE = "errors", "parameters", "missing", "state"
@@ -66,7 +66,7 @@ class LiveFlight:
 
     def take(self, kind: str, content: Mapping[str, Any]) -> None:
         """One message."""
-        stamp = content["stamp"] / _NANOSECONDS
+        stamp = content["stamp"] / NANOSECONDS
         if stamp < self._newest.get(kind, stamp) - _BACK:
             self._restart()
         self._newest[kind] = stamp

@@ -113,6 +113,13 @@ def test_an_airspeed_tells_itself_since_when_it_reads_less():
     assert " s (± 5.0 s) to the end of the flight" in sentence_of_airspeed(step)
 
 
+@pytest.mark.parametrize(("asked", "error"), [(240.0, 45.0), (215.0, 30.0), (240.0, 1.0)])
+def test_of_two_dates_that_of_the_speeds_is_the_sharper(asked, error):
+    step = airspeed_step(circling(0.88, 0.2), [Times(asked, None, error, np.nan)])
+    assert step is not None and step.ratio == pytest.approx(0.88, abs=max(4.0 * step.std, 0.01))
+    assert step.times[0].begin == pytest.approx(200.0, abs=10.0)
+
+
 @pytest.mark.parametrize("seed", range(8))
 @pytest.mark.parametrize("gusts", [0.5, 2.0])
 def test_one_that_does_not_is_not(gusts, seed):

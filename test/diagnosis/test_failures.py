@@ -432,14 +432,20 @@ def test_a_wind_contradicts_calm_air(stuck, engine) -> None:
         ("Cn", 20.0, 5.0, 60.0, False),  # no evidence
         ("Cn", 90.0, 80.0, 60.0, False),  # the aileron makes it
         ("Cn", 90.0, 5.0, 95.0, False),  # at another time
+        ("Cn", 90.0, 5.0, 0.0, False),  # all the time: the model lacks it
         ("Cm", 90.0, 5.0, 60.0, False),  # no moment of a rudder
     ],
 )
 def test_an_aileron_is_not_stuck_where_something_yaws_at_the_same_time(axis, evidence, made, since, came):
     """A rudder that stood aside, against which ailerons held the bank, had been one."""
     seconds = np.arange(0.0, 100.0, 0.1)
-    failure = SimpleNamespace(main_axis="Cl", gains={"Cl": 210.0, "Cn": made}, times=(Times(60.0, 80.0, 0.5, 0.5),))
+    failure = SimpleNamespace(
+        name="da", main_axis="Cl", gains={"Cl": 210.0, "Cn": made}, times=(Times(60.0, 80.0, 0.5, 0.5),)
+    )
     form = SimpleNamespace(balance=SimpleNamespace(time=seconds), search=SimpleNamespace(count=len(seconds)))
-    hypothesis = SimpleNamespace(share=lambda count: (seconds >= since).astype(float))
+    there = (seconds >= since) & (seconds <= 82.0) if since else np.full(len(seconds), True)
+    hypothesis = SimpleNamespace(share=lambda count: there.astype(float))
     constant = SimpleNamespace(main_axis=axis, evidence=evidence, gains={axis: 95.0}, hypothesis=hypothesis)
     assert found_failures._came_with(failure, form, constant) is came
+    failure.name = "dr"  # of a rudder nothing of this is known
+    assert not found_failures._came_with(failure, form, constant)

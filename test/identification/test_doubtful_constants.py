@@ -113,5 +113,7 @@ def test_an_axis_that_changed_has_been_shown_an_angle_since_then_alone():
     samples = np.zeros((600, CoefficientSample.TERMS))
     samples[:, CoefficientSample.TIME], samples[:, CoefficientSample.LEARNT] = np.arange(600) * 0.1, 1.0
     conditions.add(samples)
-    conditions.learn_anew(2, samples[-31:])
-    assert conditions.seconds == pytest.approx([59.9, 59.9, 3.0, 59.9, 59.9, 59.9])
+    since = samples[-31:].copy()
+    since[-10:, CoefficientSample.LEARNT] = 0.0  # of what it did not learn from it knows nothing
+    conditions.learn_anew(2, since)
+    assert conditions.seconds == pytest.approx([59.9, 59.9, 2.0, 59.9, 59.9, 59.9])

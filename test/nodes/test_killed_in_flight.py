@@ -12,6 +12,7 @@ import pytest
 from processes import live, play
 from waiting import LONGEST, finish
 
+from aircraft_sysid_ros import flight_journal
 from aircraft_sysid_ros.commands.main import main
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.flight_journal import RECORD, RECORDS, FlightJournal, recovered
@@ -160,17 +161,50 @@ def test_what_a_full_disk_did_not_take_is_kept_without_a_run_or_said_to_be_lost(
     for k in range(0, len(samples), 7):
         journal.append(samples[k : k + 7])
     (warning,) = said
-    assert "No space left on device" in warning and warning.endswith(f"make room in {tmp_path}")
+    assert "No space left on device" in warning and f"make room in {tmp_path}, or it is lost" in warning
     if makes_room:
         monkeypatch.setattr(os, "write", write)
     kept = journal.keep()
     found = recovered(tmp_path / "run")[2]
     np.testing.assert_array_equal(found.stamp, samples.stamp[: len(found)])
-    assert not [*journal.path.glob("states*")]
-    whole, there = (1e-9 * np.ptp(each.stamp) for each in (samples, found))
-    lost = f"of its flight the first {there:.1f} s of {whole:.1f} s are kept, the rest is lost"
-    assert kept == ("its flight is kept" if makes_room else lost)
+    assert not [*journal.path.glob("states*")] and not journal.rows
+    lost = f"of its flight the first {len(found)} of {len(samples)} samples are kept"
+    what = "its flight is kept" if makes_room else lost
+    assert kept == f"{what}: aircraft-sysid recover {tmp_path / 'run'}"
     assert (len(found) == len(samples)) == makes_room and len(found) > 100
+
+
+def test_a_flight_on_a_full_disk_ends_by_no_word_of_it_and_goes_there_once_there_is_room(
+    aircraft, samples, tmp_path, monkeypatch
+):
+    """The log of a service may be on the same disk. What ends in an error keeps what fits, too."""
+    write, said = os.write, []
+
+    def full(file, content):
+        raise OSError(28, "No space left on device")
+
+    def deaf(text):
+        said.append(text)
+        raise OSError(28, "No space left on device")
+
+    run = tmp_path / "run"
+    with (
+        pytest.raises(RuntimeError, match="a node died"),
+        RunWriter(run, aircraft, in_progress={"state": {}, "parameters": {}}, say=deaf) as writer,
+    ):
+        monkeypatch.setattr(os, "write", full)
+        writer.add_samples(samples[:100])
+        monkeypatch.setattr(flight_journal, "_AGAIN", 0.0)
+        writer._journal._due = 0.0
+        writer.add_samples(samples[100:200])
+        monkeypatch.setattr(os, "write", write)
+        writer.add_samples(samples[200:300])
+        assert not writer._journal.note
+        monkeypatch.setattr(os, "write", full)
+        writer.add_samples(samples[300:])
+        raise RuntimeError("a node died")
+    assert len(recovered(run)[2]) == 300
+    assert len(said) == 3 and said[-1].startswith(f"of its flight the first 300 of {len(samples)} samples are kept")
 
 
 def test_a_disk_that_is_full_when_the_run_is_written_keeps_the_flight(aircraft, samples, tmp_path):

@@ -277,6 +277,7 @@ import rclpy
 from sensor_msgs.msg import Imu
 from hears import QUALITY
 from aircraft_sysid_ros.commands import play
+from aircraft_sysid_ros.stamps import NANOSECONDS
 
 rclpy.init()
 with play._quick_heartbeats():

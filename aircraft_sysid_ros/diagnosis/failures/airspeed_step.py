@@ -39,6 +39,7 @@ _BESIDE, _FLYING = 2.0, 0.5
 SEARCHED, _GRID = 60.0, 5.0
 #: Twice the ln of the likelihood that two standard errors cost.
 _TWO_SIGMA = 4.0
+_NOTHING = 1e-12  # [m^2/s^2] that is left of speeds without noise
 #: Blocks that are needed within the times and in the rest, and steps of least squares.
 _FEWEST, _STEPS = 2, 20
 
@@ -73,7 +74,7 @@ def airspeed_step(samples: Samples, times: Sequence[Times]) -> AirspeedStep | No
     if len(times) > 1 or times[0].end is not None:
         return told
     begin = _begin(time, velocity, read, times[0].begin)
-    if begin is None or abs(begin.begin - times[0].begin) <= max(begin.begin_error, times[0].begin_error):
+    if begin is None or (told is not None and abs(begin.begin - times[0].begin) <= begin.begin_error):
         return told
     return _told(time, velocity, read, (begin,)) or told
 
@@ -89,7 +90,7 @@ def _begin(time: Array, velocity: Array, read: Array, about: float) -> Times | N
     best = int(np.argmin(left))
     if not np.isfinite(left[best]):
         return None
-    likely = np.flatnonzero(len(np.unique(blocks_of(time))) * np.log(left / left[best]) <= _TWO_SIGMA)
+    likely = np.flatnonzero(len(np.unique(blocks_of(time))) * np.log(left / max(left[best], _NOTHING)) <= _TWO_SIGMA)
     if likely[0] == 0 or likely[-1] == len(begins) - 1 or not np.isfinite(left[[likely[0] - 1, likely[-1] + 1]]).all():
         return None
     span = max(begins[likely[-1]] - begins[likely[0]], 2.0 * _GRID)

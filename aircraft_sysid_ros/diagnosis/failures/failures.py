@@ -58,8 +58,8 @@ CUT_TIME, CUT_EVIDENCE = 3.0, 5.0
 ASKED = 0.75
 #: ln of the likelihood that the model loses without an input which a flight tells: that of five standard errors.
 SHOWN = 12.5
-#: Moments that one thing makes together, and from which share on what is meant is most of it.
-_SIDEWAYS, _MOSTLY = {"Cl", "Cn"}, 0.5
+#: From which share on what is meant is most of it.
+_MOSTLY = 0.5
 #: The angle of flow that each moment rests on.
 _ANGLES = {"Cl": "beta", "Cm": "alpha", "Cn": "beta"}
 
@@ -292,21 +292,24 @@ def _leads(
 
 
 def _came_with(failure: Failure, form: _Form, constant: Judged) -> bool:
-    """Whether a moment about the other of roll and yaw came with a failure, and the input does not make it.
+    """Whether a yawing moment came with a failure of the ailerons, which do not make it.
 
     A rudder that stands aside yaws, and the ailerons that hold the bank against it do nothing that the roll shows: they
     had been stuck (J3 Cub of JSBSim, seeds 10780001 and 10780007 of missions.py). Of ten ailerons that failed there and
     were named none had such a moment.
     """
     axis = constant.main_axis
-    if {failure.main_axis, axis} != _SIDEWAYS or constant.evidence < THRESHOLDS.failure_evidence:
+    if failure.name != "da" or axis != "Cn" or constant.evidence < THRESHOLDS.failure_evidence:
         return False
     if failure.gains.get(axis, 0.0) > _MOSTLY * constant.gains[axis]:
         return False
     time = form.balance.time
     ends = [(times.begin, np.inf if times.end is None else times.end) for times in failure.times]
     failed = np.any([(time >= begin) & (time <= end) for begin, end in ends], axis=0)
-    return float(np.mean(constant.hypothesis.share(form.search.count)[failed])) > _MOSTLY if failed.any() else False
+    if failed.all() or not failed.any():
+        return False
+    share = constant.hypothesis.share(form.search.count)
+    return float(np.mean(share[failed])) > _MOSTLY > float(np.mean(share[~failed]))
 
 
 def _is_unseen(constant: Judged, balance: ForceBalance) -> bool:
