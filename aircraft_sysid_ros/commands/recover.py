@@ -54,7 +54,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     seconds = (int(samples.stamp.max()) - int(samples.stamp.min())) * 1e-9
     told = [
         f"the flight was cut off, or its run could not be written: recovered from the {len(samples)} samples of "
-        f"{seconds:.1f} s that were on disk, and what came after them is lost"
+        f"{seconds:.1f} s that were on disk; what came after them, if anything, is lost"
     ]
     with RunWriter(args.run, aircraft, overwrite=args.overwrite) as writer:
         with telling() as tell:
