@@ -112,7 +112,7 @@ class RunWriter:
             kind is None or (issubclass(kind, InputError) and not self._rows) or not self._journal.holds_a_flight
         ):  # there was no flight
             self._journal.clear()
-        else:
+        elif self._journal.is_open:
             kept = self._journal.keep()
             if self._journal.note:
                 with suppress(OSError, ValueError):  # another error is under way

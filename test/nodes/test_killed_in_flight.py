@@ -224,6 +224,14 @@ def test_a_disk_that_is_full_when_the_run_is_written_keeps_the_flight(aircraft, 
     assert len(recovered(run)[2]) == len(samples) and not run.exists()
 
 
+def test_a_flight_whose_run_is_written_leaves_nothing_else(aircraft, samples, tmp_path):
+    pipeline, said = Pipeline(aircraft), []
+    with RunWriter(tmp_path / "run", aircraft, in_progress={"state": {}, "parameters": {}}, say=said.append) as writer:
+        writer.add_samples(samples)
+        writer.finish(pipeline.state, pipeline.parameters, 5.0, time.perf_counter())
+    assert [path.name for path in tmp_path.iterdir()] == ["run"] and not said
+
+
 def test_a_flight_that_was_cut_off_is_not_flown_over_and_hinders_none(journal, samples, aircraft):
     """A service that starts again after a crash in flight flies on."""
     run = written(journal, samples)
