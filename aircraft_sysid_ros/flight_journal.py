@@ -60,9 +60,8 @@ class OnDisk:
 
     def append(self, records: npt.NDArray[Any]) -> None:
         """New records (n,), in order."""
-        if self.file is None:
-            self.wrong = self.wrong or "it was closed"
         if self.wrong or self.file is None:
+            self.wrong = self.wrong or "it was closed"
             self._in_memory.append(records.copy())
             return
         content = records.tobytes()
@@ -83,14 +82,9 @@ class OnDisk:
         for records in waiting:
             self.append(records)
 
-    @property
-    def on_disk(self) -> npt.NDArray[Any]:
-        """Records (n,) in the file."""
-        return np.memmap(self.path, self.kind, "r", shape=(self.count,)) if self.count else np.empty(0, self.kind)
-
     def __iter__(self) -> Iterator[npt.NDArray[Any]]:
         if self.count:
-            yield self.on_disk
+            yield np.memmap(self.path, self.kind, "r", shape=(self.count,))
         yield from self._in_memory
 
     def close(self) -> None:
@@ -250,8 +244,7 @@ class FlightJournal:
         self._records.append(records)
         if self._records.wrong and not was_full:
             self._due = time.monotonic() + _AGAIN
-            with suppress(OSError, ValueError):  # the log may be on the same disk, and nothing ends a flight
-                self._say(f"{self.note}: make room in {self.path.parent.absolute()}, or it is lost with the process")
+            self._tell(f"{self.note}: make room in {self.path.parent.absolute()}, or it is lost with the process")
 
     def __iter__(self) -> Iterator[Samples]:
         return map(_samples, self._records)
@@ -276,6 +269,17 @@ class FlightJournal:
             return f"nothing of its flight is kept: {self.note}"
         what = "its flight is kept" if kept == whole else f"of its flight the first {kept} of {whole} samples are kept"
         return f"{what}: aircraft-sysid recover {self._run}"
+
+    def end(self) -> None:
+        """``keep``, which says what is lost."""
+        kept = self.keep()
+        if self.note:
+            self._tell(kept)
+
+    def _tell(self, text: str) -> None:
+        """Say it, if anybody can hear it: the log may be on the same disk, and nothing ends a flight."""
+        with suppress(OSError, ValueError):
+            self._say(text)
 
     def close(self) -> None:
         """Write no more; what has come stays."""

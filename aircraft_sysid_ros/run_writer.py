@@ -16,7 +16,6 @@ import os
 import tempfile
 import time
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from types import TracebackType
@@ -83,7 +82,7 @@ class RunWriter:
         self.path = Path(path)
         self._check = partial(_check_target, self.path, overwrite)
         self._check()
-        self._aircraft, self._say = aircraft, say
+        self._aircraft = aircraft
         self._journal = None if in_progress is None else FlightJournal(path, aircraft, in_progress, say)
         self._samples: list[Samples] | FlightJournal = [] if self._journal is None else self._journal
         self._rows: list[Array] | RowsOnDisk = [] if self._journal is None else self._journal.rows
@@ -113,10 +112,7 @@ class RunWriter:
         ):  # there was no flight
             self._journal.clear()
         elif self._journal.is_open:
-            kept = self._journal.keep()
-            if self._journal.note:
-                with suppress(OSError, ValueError):  # another error is under way
-                    self._say(kept)
+            self._journal.end()
 
     def add_rows(self, rows: Array) -> None:
         """New rows of StateField, in order; STATE_RATE of them are kept per second."""

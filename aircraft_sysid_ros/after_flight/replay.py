@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 import yaml
 
-from aircraft_sysid_ros.after_flight.progress import Tell, nobody
+from aircraft_sysid_ros.after_flight.progress import FIRST_START, Tell, nobody
 from aircraft_sysid_ros.after_flight.replay_notes import manoeuvre_notes, notes, sensor_findings, why_no_start
 from aircraft_sysid_ros.aircraft.configuration import Aircraft, load_aircraft, with_prior
 from aircraft_sysid_ros.calibration.calibration_file import load_calibration
@@ -91,10 +91,6 @@ def replay(
         learnt = completed_file(pipeline.state, late, pipeline.check.vane_place)
         _write_aircraft(Path(options.learn_sensors), learnt, options.overwrite)
     return result
-
-
-#: What is told before kernels are loaded: compiled where no process has run them yet.
-FIRST_START = "get ready (a first start compiles, for minutes)"
 
 
 def _flown(

@@ -11,7 +11,8 @@ import shutil
 import time
 from typing import Any
 
-from aircraft_sysid_ros.after_flight.replay import FIRST_START, feed
+from aircraft_sysid_ros.after_flight.progress import FIRST_START
+from aircraft_sysid_ros.after_flight.replay import feed
 from aircraft_sysid_ros.after_flight.replay_notes import estimator_notes, rate_notes, why_no_start
 from aircraft_sysid_ros.aircraft.configuration import load_aircraft
 from aircraft_sysid_ros.calibration.calibration_file import calibration_from_dict

@@ -86,7 +86,7 @@ def _begin(time: Array, velocity: Array, read: Array, about: float) -> Times | N
     counts as one measurement.
     """
     begins = about + np.arange(-SEARCHED, SEARCHED + 1.0, _GRID)
-    left = np.array([_misfit(time, velocity, read, Times(float(begin), None, _GRID, 0.0)) for begin in begins])
+    left = np.array([_misfit(time, velocity, read, float(begin)) for begin in begins])
     best = int(np.argmin(left))
     if not np.isfinite(left[best]):
         return None
@@ -113,9 +113,9 @@ def _told(time: Array, velocity: Array, read: Array, times: Sequence[Times]) -> 
     return AirspeedStep(ratio, ratio * std, tuple(times)) if is_told else None
 
 
-def _misfit(time: Array, velocity: Array, read: Array, begin: Times) -> float:
+def _misfit(time: Array, velocity: Array, read: Array, begin: float) -> float:
     """What a step from one time on leaves (sum of squares); infinite where one side of it is short."""
-    inside, blocks = time > begin.begin, blocks_of(time)
+    inside, blocks = time > begin, blocks_of(time)
     if min(len(np.unique(blocks[inside])), len(np.unique(blocks[~inside]))) < _FEWEST:
         return np.inf
     return _step(velocity, read, inside, blocks)[2]

@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
+from aircraft_sysid_ros.aircraft.atmosphere import STANDARD_GRAVITY
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
 from aircraft_sysid_ros.aircraft.earth import Odometer, gravity
 from aircraft_sysid_ros.aircraft.signals import SIGNAL_INDEX, SIGNALS
@@ -101,7 +102,7 @@ class MaximumLikelihoodEstimator:
         self._names = aircraft.model.parameter_names
         self._delays = stamp_delays(aircraft)
         per_knot = max(round(aircraft.sensors["accelerometer"].rate / options.rml_rate), 1)
-        self._model = flight_model_of(aircraft, 9.80665, per_knot)
+        self._model = flight_model_of(aircraft, STANDARD_GRAVITY, per_knot)
         self.keep_pace(Pace())
         self._body: Body | None = None
         self._origin: Array | None = None
