@@ -16,6 +16,7 @@ import copy
 import string
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -212,14 +213,16 @@ def surface(name: str, axes: Iterable[str], terms: Iterable[str], besides: Itera
     return Variant(name, dict.fromkeys(ties, listed), ties=ties)
 
 
-def placeholders(term: str) -> list[str]:
+@lru_cache(maxsize=4096)
+def placeholders(term: str) -> tuple[str, ...]:
     """Names in braces of a term, in order."""
-    return [name for _, name, _, _ in string.Formatter().parse(term) if name]
+    return tuple(name for _, name, _, _ in string.Formatter().parse(term) if name)
 
 
 def fill(term: str, values: Mapping[str, float | str]) -> str:
     """The term with numbers and texts in place of its braces, in brackets so that signs and powers hold."""
-    shown = {k: f"({v})" if isinstance(v, str) else f"({v:.6g})" for k, v in values.items()}
+    read = {name: values[name] for name in placeholders(term)}
+    shown = {k: f"({v})" if isinstance(v, str) else f"({v:.6g})" for k, v in read.items()}
     return term.format(**shown)
 
 

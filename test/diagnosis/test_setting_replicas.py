@@ -12,9 +12,9 @@ from aircraft_sysid_ros.diagnosis import flight_diagnosis
 from aircraft_sysid_ros.diagnosis.flight.reconstruction import reconstruct_as_flown
 from aircraft_sysid_ros.diagnosis.flight_diagnosis import _beyond_chance, _needed_beside_places
 from aircraft_sysid_ros.diagnosis.measurement.faults import measurement_faults
-from aircraft_sysid_ros.diagnosis.measurement.setting import in_file
+from aircraft_sysid_ros.diagnosis.measurement.setting import Setting, in_file
 from aircraft_sysid_ros.diagnosis.significance import setting_replicas
-from aircraft_sysid_ros.diagnosis.significance.setting_replicas import SettingInReplicas, chance_of, in_replicas
+from aircraft_sysid_ros.diagnosis.significance.setting_replicas import InReplica, chance_of, in_replicas
 from aircraft_sysid_ros.diagnosis.words import MeasurementFinding
 from aircraft_sysid_ros.effects import BY_ID
 from aircraft_sysid_ros.samples import Kind
@@ -35,10 +35,14 @@ def offset(aircraft):
     return flight, calm, found, corrected
 
 
+def _most(flown):
+    return max(each.gain for each in flown)
+
+
 @pytest.mark.long
 def test_replicas_have_sensors_that_are_right(offset):
     _, calm, found, corrected = offset
-    assert max(in_replicas(found, corrected, calm, 3).gains) < 0.1 * found.gain
+    assert _most(in_replicas(found, corrected, calm, range(3))) < 0.1 * found.gain
     assert chance_of(found, {}, corrected, calm, 20, 3) < 0.01
 
 
@@ -51,7 +55,7 @@ def test_surfaces_of_replicas_move_when_they_should(aircraft):
     found = measurement_faults(flight, [BY_ID["actuator_lag"]], calm)[0]
     assert found.value == pytest.approx(-0.05, abs=0.01)
     corrected, _ = reconstruct_as_flown(in_file(found, aircraft), early, with_covariance=False)
-    assert max(in_replicas(found, corrected, calm, 2).gains) < 0.1 * found.gain
+    assert _most(in_replicas(found, corrected, calm, range(2))) < 0.1 * found.gain
 
 
 @pytest.mark.long
@@ -61,7 +65,7 @@ def test_surfaces_of_replicas_move_as_servos_do(aircraft):
     found = measurement_faults(flight, [BY_ID["actuator_lag"]], calm)[0]
     assert found.variant.setting[-1] == "lag" and found.value == pytest.approx(0.06, abs=0.012)
     corrected, _ = reconstruct_as_flown(in_file(found, aircraft), samples, with_covariance=False)
-    assert max(in_replicas(found, corrected, calm, 2).gains) < 0.1 * found.gain
+    assert _most(in_replicas(found, corrected, calm, range(2))) < 0.1 * found.gain
 
 
 @pytest.mark.long
@@ -74,12 +78,28 @@ def test_what_replicas_feign_as_well_is_no_fault(aircraft, offset, monkeypatch):
 
     aircraft_then, _, _, finding = told()
     assert finding.matters and finding.setting is found and aircraft_then.sensors["angle_of_attack"].offset
-    feigned = np.array([0.5, 0.9, 1.2]) * found.gain
-    monkeypatch.setattr(setting_replicas, "in_replicas", lambda *_: SettingInReplicas(feigned, {}))
+    feigned = [InReplica(share * found.gain) for share in (0.5, 0.9, 1.2)]
+    monkeypatch.setattr(setting_replicas, "in_replicas", lambda *_: feigned)
     assert told() is None
-    monkeypatch.setattr(setting_replicas, "in_replicas", lambda *_: SettingInReplicas(np.full(3, np.nan), {}))
+    monkeypatch.setattr(setting_replicas, "in_replicas", lambda *_: [InReplica(np.nan)] * 3)
     assert told() is None
     assert set(said) == {"look at the measurement in replicas"}
+
+
+@pytest.mark.parametrize(("share", "flown"), [(0.001, 8), (0.1, 20), (np.nan, 20)])
+def test_more_replicas_are_flown_where_the_first_leave_a_doubt(monkeypatch, share, flown):
+    """Gains of 0.1 of that of the flight, in no order, are beyond chance only if twenty say so."""
+    seen, effect = [], BY_ID["alpha_offset"]
+    found = Setting(effect, effect.variants[0], 0.0, 0.035, gain=800.0, evidence=40.0, std=0.001)
+
+    def in_replicas_of(fault, corrected, calm, seeds):
+        seen.extend(seeds)
+        return [InReplica(share * found.gain * (1.0 + np.sin(seed))) for seed in seeds]
+
+    monkeypatch.setattr(setting_replicas, "in_replicas", in_replicas_of)
+    chance = chance_of(found, {}, None, True, 20, 20)
+    assert seen == list(range(flown))
+    assert chance == 1.0 if np.isnan(share) else 0.0 < chance < 0.01
 
 
 @pytest.mark.long
