@@ -1,11 +1,12 @@
 """What the filter did in a flight, step by step, for a smoother that goes back over it.
 
-An hour of flight has some hundred thousand steps of 1.6 kB. They go to temporary files (in the folder that TMPDIR
-names, about 1 GB per hour at 100 Hz), so that the memory does not grow with the flight.
+An hour of flight has some hundred thousand steps of 1.6 kB. Those of some minutes stay in memory; more go to temporary
+files (in the folder that TMPDIR names, about 1 GB per hour at 100 Hz), so that memory does not grow with the flight.
 """
 
 from __future__ import annotations
 
+import io
 import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -32,6 +33,8 @@ DENSITY = slice(DT + 1, DT + 3)  # of the white noise of accelerometer and gyro,
 WIND_WALK = DT + 3  # [m/s per sqrt(s)] that the filter used
 HAS_ROW = DT + 4  # 1: a row of state.StateField belongs to the end of the step
 STEP_WIDTH = DT + 5
+#: Bytes of a table that stay in memory: ten minutes at 100 Hz.
+IN_MEMORY = 160_000_000
 
 
 @njit(cache=True)
@@ -74,6 +77,36 @@ class Segment:
     p: Array
 
 
+class _Table:
+    """Rows of one width: in memory while they are few, else in a temporary file."""
+
+    def __init__(self, width: int) -> None:
+        self._width, self._memory = width, io.BytesIO()
+        self._file: IO[bytes] | None = None
+
+    def add(self, rows: Array) -> None:
+        """Append rows (n, width). Raises OSError where there is no room for them."""
+        written = np.ascontiguousarray(rows).data
+        if self._file is None and self._memory.tell() + written.nbytes > IN_MEMORY:
+            self._file = tempfile.TemporaryFile()  # noqa: SIM115
+            self._file.write(self._memory.getbuffer())
+            self._memory = io.BytesIO()
+        (self._memory if self._file is None else self._file).write(written)
+
+    @property
+    def rows(self) -> Array:
+        """All of them (n, width), where they are: what is written to them stays."""
+        if self._file is None:
+            return np.frombuffer(self._memory.getbuffer(), np.float64).reshape(-1, self._width)
+        self._file.flush()
+        return np.asarray(np.memmap(self._file, np.float64, "r+").reshape(-1, self._width))
+
+    def close(self) -> None:
+        """Its file is gone; what is in use stays."""
+        if self._file is not None:
+            self._file.close()
+
+
 class SmootherHistory:
     """Records what a ``StateEstimator`` does when it is given to it before the first sample.
 
@@ -81,7 +114,7 @@ class SmootherHistory:
     """
 
     def __init__(self) -> None:
-        self._steps, self._rows = tempfile.TemporaryFile(), tempfile.TemporaryFile()  # noqa: SIM115
+        self._steps, self._rows = _Table(STEP_WIDTH), _Table(StateField.WIDTH)
         self._segments: list[Segment] = []
 
     def __enter__(self) -> SmootherHistory:
@@ -102,8 +135,8 @@ class SmootherHistory:
         """
         segment = self._segments[-1]
         try:
-            self._steps.write(np.ascontiguousarray(steps).data)
-            self._rows.write(np.ascontiguousarray(rows).data)
+            self._steps.add(steps)
+            self._rows.add(rows)
         except OSError as error:
             raise InputError(
                 f"the smoother needs about 1 GB per hour of flight in {tempfile.gettempdir()}: {error.strerror}; "
@@ -115,20 +148,13 @@ class SmootherHistory:
 
     @property
     def rows(self) -> Array:
-        """All rows of the flight (n, StateField.WIDTH), mapped from the file; what is written to them stays."""
-        return _mapped(self._rows, StateField.WIDTH)
+        """All rows of the flight (n, StateField.WIDTH); what is written to them stays."""
+        return self._rows.rows
 
     def segments(self) -> Iterator[tuple[Segment, Array, Array]]:
         """The segments in order, each with its steps (m, STEP_WIDTH) and its rows (n, StateField.WIDTH)."""
-        steps, rows = _mapped(self._steps, STEP_WIDTH), self.rows
+        steps, rows = self._steps.rows, self.rows
         step = row = 0
         for segment in self._segments:
             yield segment, steps[step : step + segment.steps], rows[row : row + segment.rows]
             step, row = step + segment.steps, row + segment.rows
-
-
-def _mapped(file: IO[bytes], width: int) -> Array:
-    file.flush()
-    if not file.tell():  # nothing can be mapped from an empty file
-        return np.empty((0, width))
-    return np.asarray(np.memmap(file, np.float64, "r+").reshape(-1, width))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import tempfile
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from aircraft_sysid_ros.aircraft.frames import quaternion_conjugate, quaternion_
 from aircraft_sysid_ros.commands.main import main
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.pipeline import Pipeline
+from aircraft_sysid_ros.reconstruction import smoother_history
 from aircraft_sysid_ros.reconstruction.error_state import retract
 from aircraft_sysid_ros.reconstruction.process import propagate, transition_matrix
 from aircraft_sysid_ros.reconstruction.smoother import difference, smooth_segment, smooth_step
@@ -275,11 +277,19 @@ def test_a_flight_without_a_start_has_no_rows(aircraft):
     assert estimator.smooth().shape == (0, StateField.WIDTH)
 
 
-def test_a_full_disk_is_said_in_one_sentence(aircraft, setup):
-    with SmootherHistory() as tape, open("/dev/full", "wb", buffering=0) as full:
+def test_what_goes_to_a_file_is_smoothed_as_what_stays_in_memory(flight, aircraft, monkeypatch):
+    samples = flight.samples[: len(flight.samples) // 10]
+    in_memory = recorded(aircraft, samples)[0].smooth()
+    monkeypatch.setattr(smoother_history, "IN_MEMORY", 100_000)
+    assert len(in_memory) > 200
+    np.testing.assert_array_equal(recorded(aircraft, samples)[0].smooth(), in_memory)
+
+
+def test_a_full_disk_is_said_in_one_sentence(setup, monkeypatch):
+    monkeypatch.setattr(smoother_history, "IN_MEMORY", 1_000)
+    monkeypatch.setattr(tempfile, "TemporaryFile", lambda: open("/dev/full", "wb", buffering=0))  # noqa: SIM115
+    with SmootherHistory() as tape:
         tape.begin(setup)
-        tape._steps.close()
-        tape._steps = full
         with pytest.raises(InputError, match=r"1 GB per hour.*No space left on device.*TMPDIR"):
             tape.add(np.zeros((1, STEP_WIDTH)), np.zeros((1, StateField.WIDTH)), np.zeros(19), np.eye(18))
 
