@@ -18,9 +18,9 @@ import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.expression import Lag, Program, parse_expression
-from aircraft_sysid_ros.aircraft.postfix import MAX, MIN, SIGN
+from aircraft_sysid_ros.aircraft.postfix import MAX, MIN, SIGN, evaluate_rows
 from aircraft_sysid_ros.aircraft.signals import SIGNALS
-from aircraft_sysid_ros.aircraft.term_values import evaluate, lags_of, link
+from aircraft_sysid_ros.aircraft.term_values import evaluate, lags_of, link, with_lags
 from aircraft_sysid_ros.errors import InputError, echo
 
 AXES: tuple[str, ...] = ("CX", "CY", "CZ", "Cl", "Cm", "Cn")
@@ -125,6 +125,12 @@ class AerodynamicModel:
     def regressors(self, axis: str, signals: Mapping[str, npt.ArrayLike]) -> npt.NDArray[np.float64]:
         """Regressor matrix of one axis, shape (n, terms), for arrays of signals by name."""
         return evaluate(self.programs[AXES.index(axis)], signals, self.inputs)
+
+    def steady_terms(self, rows: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        """All terms, shape (n, parameters), on signal rows (n, SIGNAL_COUNT), with lags in the steady state."""
+        values = np.empty((len(rows), int(self.offsets[-1])))
+        evaluate_rows(*self.linked, with_lags(self.lags, np.zeros(len(rows)), rows, np.inf), values)
+        return values
 
     def coefficients(
         self, parameters: Mapping[str, float], signals: Mapping[str, npt.ArrayLike]

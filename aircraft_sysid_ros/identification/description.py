@@ -11,7 +11,7 @@ import numpy.typing as npt
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, AerodynamicModel
 from aircraft_sysid_ros.aircraft.signals import SIGNAL_COUNT, SIGNAL_INDEX
 from aircraft_sysid_ros.identification.coefficients.layout import CoefficientSample
-from aircraft_sysid_ros.identification.doubtful_constants import DoubtfulConstants, slope_of
+from aircraft_sysid_ros.identification.doubtful_constants import DoubtfulConstants, slopes_of_terms
 from aircraft_sysid_ros.identification.estimators.contract import AxisEstimate
 from aircraft_sysid_ros.identification.estimators.recursive_least_squares import RlsState, known_theta
 from aircraft_sysid_ros.identification.parameter_set import ParameterEstimate, ParameterSet, axis_estimates
@@ -51,31 +51,36 @@ class Description(NamedTuple):
             ]
         )
 
-    def of_sensors(self, axis: int) -> OfSensors | None:
-        """What vanes do to an axis; those that are inferred have doubts of their own."""
+    def of_sensors(self) -> list[OfSensors | None]:
+        """What vanes do to each axis; those that are inferred have doubts of their own."""
         if self.sensors is None:
-            return None
-        own = self.own[axis]
+            return [None] * len(AXES)
+        model, found = self.model, list[OfSensors | None]()
         signals = np.zeros(SIGNAL_COUNT) if self.newest is None else self.newest[CoefficientSample.SIGNALS]
-        theta = known_theta(self.model, axis, self.least_squares) if own is None else own.theta
-        measured = [angle not in self.constants.angles for angle in ANGLES]
-        known, model, name = np.nan_to_num(signals), self.model, AXES[axis]
-        bent = [known.copy(), known.copy()]
-        bent[0][SIGNAL_INDEX["alpha"]], bent[1][SIGNAL_INDEX["alpha"]] = 0.0, _BEND
-        of_alpha = [slope_of(model, name, theta, at, "alpha") if measured[0] else 0.0 for at in bent]
-        of_beta = slope_of(model, name, theta, known, "beta") if measured[1] else 0.0
-        return self.sensors.of(model, axis, theta, (of_alpha[0], of_beta), (of_alpha[1] - of_alpha[0]) / _BEND)
+        known = np.nan_to_num(signals[None])
+        bent = np.concatenate([known, known])
+        bent[:, SIGNAL_INDEX["alpha"]] = 0.0, _BEND
+        rows = {"alpha": bent, "beta": known}
+        slopes = {a: slopes_of_terms(model, rows[a], a) for a in ANGLES if a not in self.constants.angles}
+        for axis, name in enumerate(AXES):
+            own, part = self.own[axis], model.axis_slice(name)
+            theta = known_theta(model, axis, self.least_squares) if own is None else own.theta
+            straight, steep = (slopes["alpha"][:, part] @ theta).tolist() if "alpha" in slopes else (0.0, 0.0)
+            of_beta = float(slopes["beta"][0, part] @ theta) if "beta" in slopes else 0.0
+            found.append(self.sensors.of(model, axis, theta, (straight, of_beta), (steep - straight) / _BEND))
+        return found
 
     def __call__(self) -> ParameterSet:
         """The parameters, with standard errors corrected for coloured residuals and a verdict on each."""
         model, count = self.model, len(self.model.parameter_names)
         covariance = np.full((count, count), np.nan)
         estimates: list[ParameterEstimate] = []
+        of_sensors = self.of_sensors()
         for axis, name in enumerate(AXES):
             part = model.axis_slice(name)
             of_axis, block = axis_estimates(
                 model, axis, self.least_squares, self.time, self.missing[axis], self.own[axis], self.changed[axis],
-                self.bounds, self.priors[axis], self.of_sensors(axis),
+                self.bounds, self.priors[axis], of_sensors[axis],
             )  # fmt: skip
             estimates.extend(of_axis)
             covariance[part, :] = covariance[:, part] = 0.0

@@ -28,6 +28,7 @@ import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, AerodynamicModel
+from aircraft_sysid_ros.aircraft.signals import SIGNAL_INDEX
 from aircraft_sysid_ros.identification.coefficients.layout import CoefficientSample
 from aircraft_sysid_ros.identification.parameter_set import ParameterEstimate, ParameterSet
 from aircraft_sysid_ros.identification.trust import Trust, TrustRules
@@ -92,11 +93,12 @@ class DoubtfulConstants:
             return estimates
         signals = point[CoefficientSample.SIGNALS]
         parameters, covariance = list(estimates.parameters), estimates.covariance.copy()
+        slopes = {angle: slopes_of_terms(model, np.nan_to_num(signals[None]), angle)[0] for angle in self.angles}
         for name in AXES:
             part = model.axis_slice(name)
             constants = [i for i in range(part.start, part.stop) if model.parameter_names[i].endswith("_0")]
             theta = np.array([parameters[i].value for i in range(part.start, part.stop)])
-            of_angle = {angle: slope_of(model, name, theta, signals, angle) * self.std for angle in self.angles}
+            of_angle = {angle: float(slopes[angle][part] @ theta) * self.std for angle in self.angles}
             extra = float(np.sqrt(sum(v * v for v in of_angle.values())))
             for i in constants if np.isfinite(extra) and extra > 0.0 else []:
                 covariance[i, i] += extra**2
@@ -128,15 +130,15 @@ def _held_constant(estimate: ParameterEstimate, why: str) -> ParameterEstimate:
     return replace(estimate, status=Trust.HOLD, reason=f"{why} a bias of the IMU may stand in it")
 
 
-def slope_of(model: AerodynamicModel, axis: str, theta: Array, signals: Array, angle: str) -> float:
-    """Derivative of a coefficient by an angle [1/rad] at the signals of a point, by central differences."""
-    moved = []
-    for step in (_STEP, -_STEP):
-        known = np.nan_to_num(signals[: len(model.signal_names), None])
-        shifted = dict(zip(model.signal_names, known, strict=True))
-        shifted[angle] = shifted[angle] + step
-        moved.append(float((model.regressors(axis, shifted) @ theta)[0]))
-    return (moved[0] - moved[1]) / (2.0 * _STEP)
+def slopes_of_terms(model: AerodynamicModel, rows: Array, angle: str) -> Array:
+    """Derivatives (n, parameters) of all terms by an angle [1/rad] at signal rows (n, SIGNAL_COUNT), by central
+    differences.
+    """
+    at, shifted = SIGNAL_INDEX[angle], np.concatenate([rows, rows])
+    shifted[: len(rows), at] += _STEP
+    shifted[len(rows) :, at] -= _STEP
+    terms = model.steady_terms(shifted)
+    return np.asarray((terms[: len(rows)] - terms[len(rows) :]) / (2.0 * _STEP))
 
 
 def _not_beside(

@@ -39,6 +39,7 @@ from aircraft_sysid_ros.identification.moved_surfaces import (
     LAGGED,
     NEAR,
     PAUSE,
+    Between,
     Course,
 )
 from aircraft_sysid_ros.kernels import njit
@@ -84,6 +85,7 @@ class Late(NamedTuple):
     probability: float
     time: float
     variance: float
+    near: Between  # forms that are that late
 
     @property
     def whole(self) -> float:
@@ -99,7 +101,7 @@ class LateMotion:
         self._found = found
         self.moments, self._filter = np.zeros((len(_MOMENTS), 0, 0)), np.zeros((len(_MOMENTS), 3, 0))
         self._begun = np.full(len(_MOMENTS), np.nan)
-        self._unknown = (Late(DELAY, 1.0, 0.0, USUAL**2),)
+        self._unknown = (Late(DELAY, 1.0, 0.0, USUAL**2, DELAY.between(0.0)),)
 
     def adopt(self, offsets: Columns, derivatives: Sequence[Columns], stays: Sequence[Places] | None = None) -> None:
         """Another model, with the places (3,) of the derivatives by SURFACES in each axis, -1: none.
@@ -206,7 +208,8 @@ def _way(course: Course, times: Array, weights: Array, sampled: float) -> Late:
     share = weights / max(probability, 1e-300)
     mean = float(share @ times)
     wrong = (_WRONG * (course.dead_time + mean)) ** 2
-    return Late(course, probability, mean, float(share @ (times - mean) ** 2) + sampled + wrong)
+    variance = float(share @ (times - mean) ** 2) + sampled + wrong
+    return Late(course, probability, mean, variance, course.between(mean))
 
 
 def _whole(sums: Array) -> Array:

@@ -330,11 +330,11 @@ class Learning:
         model, state = self.aircraft.model, self.least_squares.state
         own = [ParameterEstimate(name, np.nan, np.nan, Trust.HOLD, "", np.nan, 0.0) for name in model.parameter_names]
         least_squares: list[AxisEstimate | None] = [None] * len(AXES)
-        described = self._describe(state, now, [None] * len(AXES))._replace(own=least_squares)
+        of_sensors = self._describe(state, now, [None] * len(AXES))._replace(own=least_squares).of_sensors()
         for axis, name in enumerate(AXES):
             if self.integrity.holds[axis] is None and not (missing := self._missing(axis)):
-                bounds, of_sensors = self.aircraft.parameter_bounds, described.of_sensors(axis)
-                found, _ = axis_estimates(model, axis, state, now, missing, bounds=bounds, sensors=of_sensors)
+                bounds = self.aircraft.parameter_bounds
+                found, _ = axis_estimates(model, axis, state, now, missing, bounds=bounds, sensors=of_sensors[axis])
                 own[model.axis_slice(name)] = found
                 self.fleet.look(axis, *_columns(found), now - start)
         self.health.look(*_columns(own), now - start)

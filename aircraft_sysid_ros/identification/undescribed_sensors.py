@@ -177,37 +177,37 @@ class SensorDoubt(NamedTuple):
         forms = self.regressions[axis, _FORMS:, :n]
         if not np.isfinite(forms).all():
             return np.eye(n)
-        return _freeing(forms.reshape(COUNT, FORMS, n), derivatives_of(model, axis), way)[0]
+        return _freeing(forms.reshape(COUNT, FORMS, n), derivatives_of(model, axis), [way])[0][0]
 
     def _late(
         self, rows: Array, derivatives: npt.NDArray[np.int64], theta: Array, shift: Array, left: Array, found: Array
     ) -> None:  # fmt: skip
         """Add what late motion does to ``theta``; of each surface rows (FORMS,) on the terms."""
-        mean, square = np.zeros(len(theta)), np.zeros_like(left)
-        for way in self.late:
-            whole, change = _freeing(rows.reshape(COUNT, FORMS, -1), derivatives, way)
-            freed = whole @ theta
-            by_late = whole @ (change @ freed)
-            mean += way.probability * freed
-            square += way.probability * (np.outer(freed, freed) + way.variance * np.outer(by_late, by_late))
+        whole, change = _freeing(rows.reshape(COUNT, FORMS, -1), derivatives, self.late)
+        probability, variance = np.array([(way.probability, way.variance) for way in self.late]).T
+        freed = whole @ theta
+        by_late = (whole @ (change @ freed[:, :, None]))[:, :, 0]
+        mean = probability @ freed
+        square = (freed.T * probability) @ freed + (by_late.T * (probability * variance)) @ by_late
         shift += mean - theta
         found += np.outer(mean - theta, mean - theta)
         left += square - np.outer(mean, mean)
 
 
-def _freeing(forms: Array, derivatives: npt.NDArray[np.int64], way: Late) -> tuple[Array, Array]:
-    """What frees parameters of one way of being late, and what being late by a second more makes of those (n, n); what
-    is more than _MOST of a combination of them is not believed.
+def _freeing(forms: Array, derivatives: npt.NDArray[np.int64], ways: Sequence[Late]) -> tuple[Array, Array]:
+    """What frees parameters of each way of being late, and what being late by a second more makes of those (w, n, n);
+    what is more than _MOST of a combination of them is not believed.
     """
     n = forms.shape[-1]
-    turn, change = np.zeros((n, n)), np.zeros((n, n))
-    near = way.course.between(way.time)
+    turn, change = np.zeros((len(ways), n, n)), np.zeros((len(ways), n, n))
+    near, shares, slopes = (np.array(each) for each in zip(*(way.near for way in ways), strict=True))
     for form, column in zip(forms, derivatives, strict=True):
         if column >= 0:
-            turn[:, column] = form[0] - near.shares @ form[near.forms]
-            change[:, column] = -near.slopes @ form[near.forms]
-    largest = float(np.max(np.abs(np.linalg.eigvals(turn)), initial=0.0))
-    return np.asarray(np.linalg.inv(np.eye(n) - turn * min(1.0, _MOST / max(largest, 1e-9)))), change
+            turn[:, :, column] = form[0] - (shares[:, None] @ form[near])[:, 0]
+            change[:, :, column] = -(slopes[:, None] @ form[near])[:, 0]
+    largest = np.max(np.abs(np.linalg.eigvals(turn)), axis=1, initial=0.0)
+    believed = np.minimum(1.0, _MOST / np.maximum(largest, 1e-9))
+    return np.asarray(np.linalg.inv(np.eye(n) - turn * believed[:, None, None])), change
 
 
 class UndescribedSensors:
@@ -321,7 +321,7 @@ class UndescribedSensors:
         """
         if not self._frees:
             return
-        near = self._motion.best.course.between(self._motion.best.time)
+        near = self._motion.best.near
         moved = self._new_forms[:, :, near.forms] @ near.shares - self._new_forms[:, :, 0]
         for axis, whole in enumerate(self._freeing):
             part = model.axis_slice(AXES[axis])
