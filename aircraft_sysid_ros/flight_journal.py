@@ -69,15 +69,25 @@ class OnDisk:
             while content:
                 content = content[os.write(self.file, content) :]
         except OSError as error:
-            with suppress(OSError):  # what is cut off is passed over
-                os.ftruncate(self.file, self.count * self.kind.itemsize)
+            self._cut_back()
             self.wrong = error.strerror or str(error)
             self._in_memory.append(records.copy())
         else:
             self.count += len(records)
 
+    def _cut_back(self) -> bool:
+        """Take half a record off the end of the file; whether there is none now."""
+        if self.file is not None:
+            try:
+                os.ftruncate(self.file, self.count * self.kind.itemsize)
+            except OSError:
+                return False
+        return True
+
     def try_again(self) -> None:
         """Perhaps there is room on the disk again: what is in memory goes there, as far as it does."""
+        if not self._cut_back():
+            return  # what came next would begin in the middle of a record
         self.wrong, waiting, self._in_memory = "", self._in_memory, []
         for records in waiting:
             self.append(records)

@@ -15,8 +15,8 @@ from aircraft_sysid_ros.reconstruction.options import StateOptions
 from aircraft_sysid_ros.reconstruction.sensor_noise import believed_variance
 from aircraft_sysid_ros.reconstruction.state import GUST_STD, NO_GUIDE, Setup
 from aircraft_sysid_ros.records import record, replaced
-from aircraft_sysid_ros.samples import Kind
-from aircraft_sysid_ros.stamps import NANOSECONDS
+from aircraft_sysid_ros.samples import Kind, Samples
+from aircraft_sysid_ros.stamps import NANOSECONDS, seconds
 
 Array = npt.NDArray[np.float64]
 
@@ -63,6 +63,11 @@ def sensor_delays(aircraft: Aircraft) -> Array:
 def stamp_delays(aircraft: Aircraft) -> npt.NDArray[np.int64]:
     """The same in whole nanoseconds, as they are taken off stamps."""
     return np.asarray(np.rint(sensor_delays(aircraft) * NANOSECONDS).astype(np.int64))
+
+
+def measured_at(samples: Samples, delays: npt.NDArray[np.int64], epoch: int) -> Array:
+    """Times (n,) [s] after an epoch [ns] at which samples were measured: stamps without the ``stamp_delays``."""
+    return seconds(samples.stamp - delays[samples.kind], epoch)
 
 
 def gate_thresholds(sigma: float) -> Array:

@@ -54,7 +54,7 @@ from aircraft_sysid_ros.flight_model.layout import (
 from aircraft_sysid_ros.identification.coefficients.ground import ground_of
 from aircraft_sysid_ros.identification.coefficients.pace import sparse_interval
 from aircraft_sysid_ros.identification.coefficients.signals import named_inputs
-from aircraft_sysid_ros.reconstruction.filter_setup import stamp_delays
+from aircraft_sysid_ros.reconstruction.filter_setup import measured_at, stamp_delays
 from aircraft_sysid_ros.reconstruction.options import StateOptions
 from aircraft_sysid_ros.reconstruction.servo_lag import servo_lag
 from aircraft_sysid_ros.reconstruction.smoother_history import SmootherHistory
@@ -63,7 +63,7 @@ from aircraft_sysid_ros.reconstruction.state import StateField, Status, in_movin
 from aircraft_sysid_ros.reconstruction.state_estimator import StateEstimator
 from aircraft_sysid_ros.refinement.resampling import LONGEST_STEP, cubic, dense_rows, sharpened
 from aircraft_sysid_ros.samples import CONTROL_COLUMNS, Kind, Samples, is_absurd
-from aircraft_sysid_ros.stamps import nanoseconds, seconds
+from aircraft_sysid_ros.stamps import nanoseconds
 
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
@@ -122,8 +122,7 @@ def record_of(aircraft: Aircraft, samples: Samples, rate: float, options: StateO
     time = _mean(rows[:, StateField.TIME], first, every)
     states = _states(rows, first, every)
     samples = servo_lag(aircraft).follow(samples)
-    delays = stamp_delays(aircraft)
-    times = seconds(samples.stamp - delays[samples.kind], estimator.epoch)
+    times = measured_at(samples, stamp_delays(aircraft), estimator.epoch)
     values = np.where(is_absurd(samples), np.nan, samples.values)
     inputs, missing = _inputs(aircraft, samples.kind, times, values, rows, states, time, first, every)
     origin = rows[first[0], StateField.ORIGIN]

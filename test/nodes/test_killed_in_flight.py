@@ -15,7 +15,7 @@ from waiting import LONGEST, finish
 from aircraft_sysid_ros import flight_journal
 from aircraft_sysid_ros.commands.main import main
 from aircraft_sysid_ros.errors import InputError
-from aircraft_sysid_ros.flight_journal import RECORD, RECORDS, FlightJournal, recovered
+from aircraft_sysid_ros.flight_journal import RECORD, RECORDS, FlightJournal, OnDisk, recovered
 from aircraft_sysid_ros.identification.coefficients.layout import CoefficientSample
 from aircraft_sysid_ros.identification.identifier import Identifier
 from aircraft_sysid_ros.pipeline import Pipeline
@@ -141,6 +141,35 @@ def test_a_full_disk_does_not_end_the_flight(journal, samples, monkeypatch):
     kept = [*journal]
     np.testing.assert_array_equal(np.concatenate([part.stamp for part in kept]), samples.stamp)
     assert "No space left on device" in journal.note
+
+
+def test_nothing_is_written_after_half_a_record(tmp_path, monkeypatch):
+    """A disk that is full may not even let a file be cut back."""
+    write, cut = os.write, os.ftruncate
+    kind = np.dtype([("values", "<f8", (3,))])
+    records = OnDisk(tmp_path / "records.bin", kind)
+    rows = np.zeros(4, kind)
+    rows["values"] = np.arange(12.0).reshape(4, 3)
+
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    def half(file, content):
+        monkeypatch.setattr(os, "write", full)
+        return write(file, content[:20])
+
+    records.append(rows[:1])
+    monkeypatch.setattr(os, "write", half)
+    monkeypatch.setattr(os, "ftruncate", full)
+    records.append(rows[1:3])
+    monkeypatch.setattr(os, "write", write)
+    records.try_again()
+    records.append(rows[3:])
+    assert records.wrong and records.count == 1 and records.path.stat().st_size == kind.itemsize + 20
+    monkeypatch.setattr(os, "ftruncate", cut)
+    records.try_again()
+    assert not records.wrong
+    np.testing.assert_array_equal(np.fromfile(records.path, kind), rows)
 
 
 @pytest.mark.parametrize("makes_room", [True, False])

@@ -24,7 +24,7 @@ from aircraft_sysid_ros.identification.coefficients.signals import (
     moved_unseen,
     named_inputs,
 )
-from aircraft_sysid_ros.reconstruction.filter_setup import stamp_delays
+from aircraft_sysid_ros.reconstruction.filter_setup import measured_at, stamp_delays
 from aircraft_sysid_ros.reconstruction.servo_lag import servo_lag
 from aircraft_sysid_ros.reconstruction.sparse_imu import LONG
 from aircraft_sysid_ros.reconstruction.state import StateField
@@ -105,7 +105,7 @@ class ControlHistory:
         blocks: what was late by then is late, however large the blocks are.
         """
         samples = self._servos.follow(samples)
-        times = seconds(samples.stamp - self._delays[samples.kind], epoch)
+        times = measured_at(samples, self._delays, epoch)
         absurd = is_absurd(samples)
         values = np.where(absurd, np.nan, samples.values)
         if absurd.any():

@@ -37,10 +37,9 @@ from aircraft_sysid_ros.identification.estimators.contract import AxisEstimate
 from aircraft_sysid_ros.identification.estimators.maximum_likelihood import MaximumLikelihoodEstimator
 from aircraft_sysid_ros.identification.options import ParameterOptions
 from aircraft_sysid_ros.identification.trust import TrustRules
-from aircraft_sysid_ros.reconstruction.filter_setup import stamp_delays
+from aircraft_sysid_ros.reconstruction.filter_setup import measured_at, stamp_delays
 from aircraft_sysid_ros.reconstruction.state import StateField, Status
 from aircraft_sysid_ros.samples import Kind, Samples
-from aircraft_sysid_ros.stamps import seconds
 
 Array = npt.NDArray[np.float64]
 
@@ -121,7 +120,7 @@ class EstimatorChoice:
         samples = samples[_IS_USED[samples.kind]]
         if not len(samples):
             return
-        times, self._epoch = seconds(samples.stamp - self._delays[samples.kind], epoch), epoch
+        times, self._epoch = measured_at(samples, self._delays, epoch), epoch
         of_vane = samples.kind == Kind.ANGLE_OF_ATTACK
         if of_vane.any():
             self._hear(times[of_vane], samples.values[of_vane, 0])

@@ -55,10 +55,9 @@ from aircraft_sysid_ros.identification.estimators.dense_epochs import DenseEpoch
 from aircraft_sysid_ros.identification.estimators.likelihood_recursion import run
 from aircraft_sysid_ros.identification.estimators.likelihood_restore import Past, copied, put_back, take_axis
 from aircraft_sysid_ros.identification.options import ParameterOptions
-from aircraft_sysid_ros.reconstruction.filter_setup import stamp_delays
+from aircraft_sysid_ros.reconstruction.filter_setup import measured_at, stamp_delays
 from aircraft_sysid_ros.reconstruction.state import StateField, in_moving_air
 from aircraft_sysid_ros.samples import CONTROL_COLUMNS, Kind, Samples, is_absurd
-from aircraft_sysid_ros.stamps import seconds
 
 Array = npt.NDArray[np.float64]
 Checkpoint = tuple[loop.Recursion, set[int], Array]
@@ -220,7 +219,7 @@ class MaximumLikelihoodEstimator:
         samples = samples[np.isin(samples.kind, [int(kind) for kind in _OUTPUTS])]
         if not len(samples):
             return
-        times = seconds(samples.stamp - self._delays[samples.kind], epoch)
+        times = measured_at(samples, self._delays, epoch)
         values = np.where(is_absurd(samples), np.nan, samples.values)
         rows = np.full((len(samples), OUTPUT_SIZE), np.nan)
         for kind, (first, count) in _OUTPUTS.items():
