@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.expression import Lag, Program
-from aircraft_sysid_ros.aircraft.postfix import LAG, SIGNAL, STACK_SIZE, evaluate_program, evaluate_rows
+from aircraft_sysid_ros.aircraft.postfix import LAG, SIGNAL, evaluate_rows
 from aircraft_sysid_ros.aircraft.signals import FIRST_LAG, MOST_LAGS, SIGNAL_COUNT, SIGNAL_INDEX, SIGNALS
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.kernels import njit
@@ -85,11 +85,11 @@ def follow_lags(
     ``memory`` holds time, x and y of each lag; what does not follow on within ``longest`` [s], or was NaN, begins in
     the steady state y = x.
     """
-    stack = np.empty((STACK_SIZE, 1))
+    followed = np.empty((len(rows), len(taus)))
+    evaluate_rows(code, offsets, rows, followed)
     for i in range(len(rows)):
         for k in range(len(taus)):
-            evaluate_program(code, offsets[k], offsets[k + 1], rows[i : i + 1], stack)
-            x, (past, x0, y) = stack[0, 0], memory[k]
+            x, (past, x0, y) = followed[i, k], memory[k]
             step = times[i] - past
             follows_on, most = 0.0 < step <= longest and np.isfinite(y), rates[k] * step
             if not follows_on:

@@ -26,7 +26,7 @@ class ParameterOptions:
         2.0, "How far beyond its noise a term must move before its axis learns.", "sigma", 0.0, 100.0
     )
     settle: float = option(0.2, "How much later than the state a control sample may come.", "s", 0.0, LONGEST_WAIT)
-    largest_gap: float = option(0.1, "Longest time between states inside a window.", "s", 0.001, 1.0)
+    largest_gap: float = option(0.06, "Longest time between states inside a window.", "s", 0.001, 1.0)
     measured_angles: bool = option(
         True,
         "Where gusts make the filter late, regress on angles as the vanes measure them. Not for vanes whose errors the "

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from aircraft_sysid_ros.identification.coefficients.controls import ControlHistory
+from aircraft_sysid_ros.identification.coefficients.signals import moved_unseen
 from aircraft_sysid_ros.identification.trust import Trust
 from aircraft_sysid_ros.pipeline import Pipeline
 from aircraft_sysid_ros.reconstruction.state import StateField
@@ -55,6 +56,23 @@ def test_nobody_knows_when_a_surface_moved(aircraft, lost, moves_by, unseen):
 
 def test_controls_that_always_come_slowly_are_not_lost(aircraft):
     assert np.isfinite(elevator_and_aileron(aircraft, step=0.06)[1]).all()
+
+
+def unseen_steps(steps):
+    """Of steps [s] in each of which a surface moves, in which of them nobody knows when."""
+    times = np.concatenate([[0.0], np.cumsum(steps)])
+    middles = times[:-1] + 0.5 * np.diff(times)
+    return moved_unseen(times, np.arange(float(len(times)))[:, None], middles, np.array([0.001]), 0.05, SETTLE)[:, 0]
+
+
+def test_most_of_the_controls_may_be_lost_for_seconds():
+    """Beside a busy machine: half of the steps before had been long, so that no step was, and Cm_de came 22 % short."""
+    steps = np.array([0.02] * 60 + [0.12, 0.12, 0.2, 0.12, 0.12, 0.06] * 4)
+    assert np.array_equal(unseen_steps(steps), steps > 0.05)
+
+
+def test_controls_that_come_slowly_in_pairs_are_not_lost():
+    assert not unseen_steps(np.array([0.001, 0.099] * 40))[2:].any()  # before two have come nobody knows the rate
 
 
 def begins_lost(samples):

@@ -8,6 +8,7 @@ explains nothing counts as nothing.
 from __future__ import annotations
 
 import contextlib
+import math
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -102,8 +103,7 @@ def log_ratio(gain: Gain) -> float:
     held_out, fitted = (
         (float(gain.before.sum()), float(gain.after.sum())), (gain.fitted_before, gain.fitted_after)
     )  # fmt: skip
-    ratios = [np.log(before / after) if min(before, after) > 0.0 else 0.0 for before, after in (held_out, fitted)]
-    return float(min(ratios))
+    return min(math.log(before / after) if min(before, after) > 0.0 else 0.0 for before, after in (held_out, fitted))
 
 
 def price_of_one(gain: Gain) -> float:

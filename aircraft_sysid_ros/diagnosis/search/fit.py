@@ -96,8 +96,16 @@ class Gain:
     fitted_after: float
     parameters: Array  # (m,) NaN where the columns say nothing that the base does not
     fit: AxisFit  # the base on the points where the columns have values
-    nrmse_before: float  # held out
-    nrmse_after: float
+
+    @property
+    def nrmse_before(self) -> float:
+        """Held-out error without the columns."""
+        return self.fit.nrmse_held_out
+
+    @property
+    def nrmse_after(self) -> float:
+        """And with them."""
+        return self.fit.nrmse(self.after)
 
 
 @dataclass(frozen=True)
@@ -205,14 +213,15 @@ class AxisFit:
     @cached_property
     def nrmse_held_out(self) -> float:
         """Rms of the held-out residuals over the standard deviation of the measured coefficient."""
-        return self._nrmse(self.held_out_sse)
+        return self.nrmse(self.held_out_sse)
 
     @property
     def nrmse_fit(self) -> float:
         """The same of the residuals of the fit to all points."""
-        return self._nrmse(self.residual**2)
+        return self.nrmse(self.residual**2)
 
-    def _nrmse(self, squares: Array) -> float:
+    def nrmse(self, squares: Array) -> float:
+        """Root of the mean of all squares, in parts (…,), over the standard deviation of the measured coefficient."""
         return float(np.sqrt(np.sum(squares) / len(self.y)) / self.spread) if self.spread > 0.0 else np.nan
 
     @property
@@ -285,8 +294,6 @@ class AxisFit:
             fitted_after=fitted,
             parameters=parameters,
             fit=self,
-            nrmse_before=self.nrmse_held_out,
-            nrmse_after=self._nrmse(after),
         )
 
     # -- numbers that several axes share -----------------------------------------------------------------------

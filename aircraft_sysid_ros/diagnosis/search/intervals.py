@@ -43,7 +43,8 @@ class _AxisSums:
         (count, self._k), self._whole = terms.shape, float(fit.residual @ fit.residual)
         beside = np.column_stack([terms, fit.basis, fit.residual])
         products = (terms[:, :, None] * beside[:, None, :]).reshape(count, -1)
-        self._sums = np.vstack([np.zeros(products.shape[1]), np.cumsum(products, axis=0)])
+        self._sums = np.zeros((count + 1, products.shape[1]))
+        np.cumsum(products, axis=0, out=self._sums[1:])
         self._time = data.signal("time")[fit.rows]
 
     def log_ratios(self, begin: Array, end: Array) -> Array:
@@ -51,8 +52,12 @@ class _AxisSums:
         first, last = (np.searchsorted(self._time, edge, side="right") for edge in (begin, end))
         inside = (self._sums[last] - self._sums[first]).reshape(len(begin), self._k, -1)
         own, shared, side = inside[:, :, : self._k], inside[:, :, self._k : -1], inside[:, :, -1]
-        values, vectors = np.linalg.eigh(own - shared @ shared.swapaxes(1, 2))
-        along = np.einsum("wij,wi->wj", vectors, side)
+        information = own - shared @ shared.swapaxes(1, 2)
+        if self._k == 1:
+            values, along = information[:, 0], side
+        else:
+            values, vectors = np.linalg.eigh(information)
+            along = np.einsum("wij,wi->wj", vectors, side)
         there = values > _SINGULAR * max(float(values.max(initial=0.0)), 1e-300)
         explained = np.sum(np.where(there, along**2 / np.where(there, values, 1.0), 0.0), axis=1)
         return np.asarray(-np.log(np.maximum(1.0 - explained / max(self._whole, 1e-300), 1e-12)))

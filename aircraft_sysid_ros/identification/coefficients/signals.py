@@ -25,8 +25,10 @@ _ALPHA_DOT, _BETA_DOT, _TIME = (SIGNAL_INDEX[s] for s in ("alpha_dot", "beta_dot
 _INPUTS = len(SIGNALS)
 #: How long [s] the newest value of a named input holds: what stands still need not be sent more often.
 INPUT_HELD = 1.0
-#: A series has lost samples where a step is so many times as long as usual: the median of the steps before it.
-LOST_STEPS, STEPS_BEFORE = 2.1, 8
+#: A series has lost samples where a step is so many times as long as usual, by so many steps before it.
+LOST_STEPS, STEPS_BEFORE = 2.1, 96
+#: Share of those that came as they should where most were lost; by two steps, since samples may come in pairs.
+_IN_TIME = 0.25
 #: By so many times its noise a surface has moved.
 _MOVED = 6.0
 _POSITION_DOWN = StateField.POSITION.stop - 1
@@ -181,12 +183,14 @@ def moved_unseen(
     Nobody knows when it did: a straight line gives the begin of a doublet that had not begun, and what is learnt from
     few samples takes the difference for the aeroplane. Samples are lost where a step is longer than ``shortest`` [s]
     and ``LOST_STEPS`` times as long as usual. It counts a usual step longer, since states may have been lost with them.
+    Where a machine is too busy most of them are lost, for seconds: what is usual is what a quarter of the steps are.
     ``noise`` (k,): one sigma. No sample is looked at that is later than ``ahead`` [s].
     """
     unseen = np.zeros((len(at), values.shape[1]), np.bool_)
     steps, moved = np.diff(times), np.abs(np.diff(values, axis=0)) > _MOVED * noise
     for i in np.flatnonzero((steps > shortest) & moved.any(axis=1)).tolist():
-        usual = float(np.median(steps[max(i - STEPS_BEFORE, 0) : i])) if i else 0.0
+        before = times[max(i - STEPS_BEFORE, 0) : i + 1]
+        usual = 0.5 * float(np.quantile(before[2:] - before[:-2], _IN_TIME)) if len(before) > 2 else 0.0
         if steps[i] > LOST_STEPS * usual:
             after = times[i + 1] - at
             unseen[(at > times[i]) & (after <= ahead) & (after >= -max(usual, 0.5 * shortest))] |= moved[i]
