@@ -50,6 +50,26 @@ def in_parallel(function: Callable[[T], R], items: Sequence[T]) -> Iterator[R]:
         yield from pool.map(_of_number, range(len(items)))
 
 
+def beside(function: Callable[[], R]) -> Callable[[], R]:
+    """``function`` in a process of its own, while this one does other work; what is returned waits for its result.
+
+    The process inherits what it needs as it is in memory now; only the result is sent. On one core the function is
+    called where its result is asked for.
+    """
+    if cores() < 2:
+        return function
+    context, work = multiprocessing.get_context("fork"), (os.getpid(), lambda _: function(), (None,))
+    pool = ProcessPoolExecutor(1, mp_context=context, initializer=_begin, initargs=work)
+    working = pool.submit(_of_number, 0)
+
+    def result() -> R:
+        with pool:
+            found: R = working.result()
+            return found
+
+    return result
+
+
 #: What a process of ``in_parallel`` does: the function and all items.
 _WORK: list[Any] = []
 

@@ -5,7 +5,7 @@ import os
 import pytest
 
 from aircraft_sysid_ros.errors import InputError
-from aircraft_sysid_ros.processes import CORES, in_parallel
+from aircraft_sysid_ros.processes import CORES, beside, in_parallel
 
 
 class Unsendable:
@@ -44,3 +44,36 @@ def test_a_refusal_is_the_callers(monkeypatch, cores):
 
     with pytest.raises(InputError, match="4 is no good: take another"):
         list(in_parallel(refuse, [4, 5]))
+
+
+def test_one_piece_of_work_goes_on_beside_another(monkeypatch):
+    monkeypatch.setenv(CORES, "2")
+    (heard, said), work = os.pipe(), Unsendable(3)
+
+    def begin():
+        os.write(said, b"begun")
+        return 2 * work.number, os.getpid(), os.environ[CORES]
+
+    result = beside(begin)
+    assert os.read(heard, 5) == b"begun"  # and nobody has asked for it yet
+    number, process, cores = result()
+    assert (number, cores) == (6, "1") and process != os.getpid()
+
+
+def test_on_one_core_it_is_done_when_it_is_asked_for(monkeypatch):
+    monkeypatch.setenv(CORES, "1")
+    done = []
+    result = beside(lambda: done.append("asked"))
+    assert not done
+    result()
+    assert done == ["asked"]
+
+
+def test_a_refusal_beside_is_the_callers(monkeypatch):
+    monkeypatch.setenv(CORES, "2")
+
+    def refuse():
+        raise InputError("no good: take another")
+
+    with pytest.raises(InputError, match="no good: take another"):
+        beside(refuse)()

@@ -29,11 +29,14 @@ from aircraft_sysid_ros.after_flight.replay import ReplayOptions, replay
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.aircraft.configuration import Aircraft, load_aircraft
 from aircraft_sysid_ros.aircraft.sensor_settings import SENSOR_GROUPS, by_name
+from aircraft_sysid_ros.diagnosis.compare import Comparison
+from aircraft_sysid_ros.diagnosis.model_versions.versions import open_run
 from aircraft_sysid_ros.diagnosis.significance.parametric_bootstrap import COUNT
 from aircraft_sysid_ros.effects.effect import MEASUREMENT, with_setting
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.flight_check.finding import ABSENT, ERROR, INFO, OF_SAMPLING, Finding, joined, short_names
 from aircraft_sysid_ros.flight_check.signals import COMMANDED, GEODETIC, VELOCITY
+from aircraft_sysid_ros.processes import beside
 from aircraft_sysid_ros.reconstruction.options import StateOptions
 from aircraft_sysid_ros.recordings.autopilot_bag_import import is_autopilot_bag
 from aircraft_sysid_ros.recordings.autopilot_log import NO_SURFACES
@@ -144,19 +147,21 @@ def _explained(
 ) -> Explanation:
     tell("read the log", 0.0)
     recording, notes = _recording(log, place / RECORDING, options)
-    checked = check_recording(recording, aircraft, part_of(tell, 0.02, 0.15))
+    checking = beside(lambda: check_recording(recording, aircraft))
+    replayed = _replayed(recording, aircraft, place / RUN, options, part_of(tell, 0.02, 0.25))
+    checked = checking()
     if recording != log:
         checked = replace(checked, path=str(out / RECORDING))  # where it will be
     if any(NO_SURFACES in note for note in notes):
         checked = _with_outputs(checked)
     notes += checked.notes
-    aircraft, checked, done = with_gps_in_time(aircraft, checked)
+    in_time, checked, done = with_gps_in_time(aircraft, checked)
     notes += done
-    try:
-        chosen = ReplayOptions(state=StateOptions(calm_air=options.calm_air))
-        replayed = replay([str(recording)], aircraft, place / RUN, chosen, part_of(tell, 0.15, 0.25))
-    except InputError as error:
-        why_not = str(error).replace(str(place), str(out))
+    if in_time is not aircraft:
+        replayed = _replayed(recording, in_time, place / RUN, options, part_of(tell, 0.15, 0.25))
+    aircraft = in_time
+    if isinstance(replayed, InputError):
+        why_not = str(replayed).replace(str(place), str(out))
         if not any(finding.severity == ERROR for finding in checked.checked.findings):
             raise InputError(why_not) from None
         unused = (0, len(aircraft.model.parameter_names))
@@ -197,6 +202,17 @@ def _explained(
         why_not=why_not,
         notes=tuple(dict.fromkeys(notes)),
     )
+
+
+def _replayed(
+    recording: Path, aircraft: Aircraft, run: Path, options: ExplainOptions, tell: Tell
+) -> Mapping[str, Any] | InputError:
+    """What ``replay`` says, or why it cannot."""
+    try:
+        chosen = ReplayOptions(overwrite=True, state=StateOptions(calm_air=options.calm_air))
+        return replay([str(recording)], aircraft, run, chosen, tell)
+    except InputError as error:
+        return error
 
 
 def with_gps_in_time(aircraft: Aircraft, checked: CheckedRecording) -> tuple[Aircraft, CheckedRecording, list[str]]:
@@ -261,15 +277,20 @@ def _judged(run: Path, options: ExplainOptions, tell: Tell) -> tuple[ComparedRun
 
     Where no model can be compared, a diagnosis may still tell inputs that failed.
     """
-    compared, why_not = None, ""
+
+    def comparison() -> tuple[Comparison | None, str]:
+        try:
+            return compare_run(run).comparison, ""
+        except InputError as error:
+            return None, str(error)
+
+    compared, diagnosis, why_not = beside(comparison), None, ""
     try:
-        compared = compare_run(run, part_of(tell, 0.25, 0.4))
+        diagnosis = diagnose([run], options.replicas, part_of(tell, 0.25, 0.97))
     except InputError as error:
         why_not = str(error)
-    try:
-        return compared, diagnose([run], options.replicas, part_of(tell, 0.4, 0.97)), why_not
-    except InputError as error:
-        return compared, None, why_not or str(error)
+    found, why = compared()
+    return None if found is None else ComparedRun(open_run(run), found), diagnosis, why or why_not
 
 
 def _instruments(compared: ComparedRun | None, diagnosis: Mapping[str, Any] | None) -> list[InstrumentError]:
