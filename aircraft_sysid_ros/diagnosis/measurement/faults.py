@@ -64,7 +64,7 @@ def measurement_faults(
     progress: Callable[[float], None] = lambda share: None,
 ) -> list[Setting]:
     """Significant settings, best first, each by itself."""
-    jobs = list(jobs_of(flight, library, calm))
+    jobs = sorted(jobs_of(flight, library, calm), key=_work_of, reverse=True)  # at the end all cores have little left
     if not jobs:
         return []
     found: list[Setting] = []
@@ -73,6 +73,11 @@ def measurement_faults(
         if setting.evidence > 1.0:
             found.append(setting)
     return likelier_first(sorted(found, key=lambda s: -s.evidence))
+
+
+def _work_of(job: Job) -> int:
+    """How much a setting asks for, as a rank: those of the controls are judged by the whole second step."""
+    return 2 if CONTROLS in job[3].setting else int(feigns_wind(job[3].setting))
 
 
 def likelier_first(faults: Sequence[Setting]) -> list[Setting]:
