@@ -2,6 +2,7 @@
 
 import re
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -154,18 +155,10 @@ def test_settings_reach_what_they_name(aircraft):
 
 def test_a_new_effect_is_one_entry():
     """As docs/effects.md shows: nothing else has to be written."""
-    effect = Effect(
-        "winglet_stall",
-        "Stall of the winglets",
-        AERODYNAMIC,
-        "Beyond some sideslip the flow leaves the winglets. The yawing moment of sideslip then grows less.",
-        "S. Hoerner, Fluid-Dynamic Lift",
-        "C_n += a (|β| - β₀)⁺ sign(β)",
-        (Variant(terms={"Cn": ("max(abs(beta)-{onset},0)*sign(beta)",)}),),
-        "No error of C_n in small sideslips.",
-        "Steady sideslips.",
-        (ShapeParameter("onset", "rad", 0.05, 0.2, 7),),
-    )
+    page = (Path(__file__).parents[2] / "docs" / "effects.md").read_text(encoding="utf8")
+    (entry,) = re.findall(r"^```python\n(.*?)^```", page, re.MULTILINE | re.DOTALL)
+    names = {"AERODYNAMIC": AERODYNAMIC, "Effect": Effect, "ShapeParameter": ShapeParameter, "Variant": Variant}
+    effect = eval(entry, names)
     assert effect.axes == ("Cn",) and effect.signals == {"beta"}
     text = fill(effect.variants[0].terms["Cn"][0], {"onset": 0.1})
     beta = np.array([-0.3, -0.05, 0.0, 0.15])

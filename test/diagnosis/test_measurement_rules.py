@@ -180,6 +180,24 @@ def test_a_delay_of_the_controls_gains_more_than_one_the_other_way(calm_flight, 
     assert (try_setting(job).evidence > 1.0) is is_said
 
 
+def test_a_delay_of_the_controls_is_looked_for_beyond_one_that_gains_a_little(calm_flight, monkeypatch):
+    """Controls 0.15 s late in calm air: 0.047 s gained 0.8, 0.15 s 16, and 0.1 s between them was worse than none."""
+    aircraft, flown = calm_flight
+    flight = reconstruction.reconstruct(aircraft, flown.samples, with_covariance=False)
+    start = aircraft.sensors["control_surfaces"].delay
+
+    def errors(flight, changed):
+        late = changed.sensors["control_surfaces"].delay - start
+        near, far = (np.exp(-(((late - place) / 0.02) ** 2)) for place in (0.047, 0.15))
+        gain = 0.8 * near + 16.0 * far - 30.0 * abs(late) * (late < 0.0) - 0.1 * (abs(late) > 0.07)
+        return {"Cl": (0.4 * float(np.exp(-0.5 * gain)),) * 2}
+
+    for module in (faults, late_controls):
+        monkeypatch.setattr(module, "control_errors", errors)
+    (job,) = jobs_of(flight, [BY_ID["late_controls"]], True)
+    assert try_setting(job).value == pytest.approx(start + 0.15, abs=0.005)
+
+
 @pytest.mark.parametrize(("unexplained", "is_said"), [(0.4, True), (0.9, False)])
 def test_a_delay_of_the_controls_is_told_by_moments_that_the_model_explains(
     calm_flight, monkeypatch, unexplained, is_said

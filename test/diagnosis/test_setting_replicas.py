@@ -86,7 +86,7 @@ def test_what_replicas_feign_as_well_is_no_fault(aircraft, offset, monkeypatch):
     assert set(said) == {"look at the measurement in replicas"}
 
 
-@pytest.mark.parametrize(("share", "flown"), [(0.001, 8), (0.1, 20), (np.nan, 20)])
+@pytest.mark.parametrize(("share", "flown"), [(0.001, 8), (0.1, 20), (2.0, 8), (np.nan, 8)])
 def test_more_replicas_are_flown_where_the_first_leave_a_doubt(monkeypatch, share, flown):
     """Gains of 0.1 of that of the flight, in no order, are beyond chance only if twenty say so."""
     seen, effect = [], BY_ID["alpha_offset"]
@@ -99,7 +99,7 @@ def test_more_replicas_are_flown_where_the_first_leave_a_doubt(monkeypatch, shar
     monkeypatch.setattr(setting_replicas, "in_replicas", in_replicas_of)
     chance = chance_of(found, {}, None, True, 20, 20)
     assert seen == list(range(flown))
-    assert chance == 1.0 if np.isnan(share) else 0.0 < chance < 0.01
+    assert 0.0 < chance < 0.01 if share < 1.0 else chance == 1.0
 
 
 @pytest.mark.long

@@ -38,7 +38,7 @@ from aircraft_sysid_ros.identification.coefficients.stream import coefficient_sa
 _CONTROL_DELAY = ("sensors", CONTROLS, "delay")
 #: The delay that stands for a lag, over it: until half of a step is done. How far [s] from there it is looked for.
 _DELAY_OF_LAG, _NEAR = float(np.log(2.0)), 0.05
-#: Steps [s] in which a delay of the controls is looked for where none is better than none near it.
+#: Steps [s] in which a delay of the controls is looked for beyond the best one near that which is there.
 _FAR = 0.05
 #: Its rival, and the shares of a delay of the controls that the IMU is tried to be late by.
 IMU_LAG, _IMU_DELAY, _SHARES = "imu_lag", ("sensors", "imu", "delay"), (0.4, 0.6, 0.8, 1.0)
@@ -73,12 +73,11 @@ def try_controls(job: Job) -> Setting:
         beside = ((_CONTROL_DELAY, float(f"{delays[value]:.4g}")),)
     else:
         value, best, curvature = maximum(gain, start, inner.low, inner.high, 0.5 * needed)
-        if best <= 0.0:  # a delay that is longer than a doublet takes is past a valley
-            far = np.arange(inner.low, inner.high + 0.5 * _FAR, _FAR)
-            tried = {place: gain(place) for place in far[np.abs(far - start) > _FAR].tolist()}
-            again = max(tried, key=lambda place: tried[place], default=start)
-            if tried.get(again, 0.0) > 0.5 * needed:
-                value, best, curvature = maximum(gain, again, inner.low, inner.high, 0.5 * needed)
+        far = np.arange(inner.low, inner.high + 0.5 * _FAR, _FAR)  # what is longer than a doublet is past a valley
+        tried = {place: gain(place) for place in far[np.abs(far - start) > _FAR].tolist()}
+        again = max(tried, key=lambda place: tried[place], default=start)
+        if tried.get(again, 0.0) > max(best, 0.0) + 0.5 * needed:
+            value, best, curvature = maximum(gain, again, inner.low, inner.high, 0.5 * needed)
     std = float(1.0 / np.sqrt(curvature)) if curvature > 0.0 else np.nan
     if best > needed:  # as much the other way
         moved = value - start if variant.setting[-1] == "lag" else start - value

@@ -11,8 +11,9 @@ as an effect of the library must: where an autopilot holds a course in calm air 
 which the records' noise is as large, and a delay tells apart what noise has made alike.
 
 Not all replicas are flown where the first of them leave no doubt: a chance that is a tenth of the least that is asked
-for ends it, so that looking twice makes one in ten more false alarms at most. The rest of the time a setting that
-nothing feigns had been tried twenty times to say that it is likelier than chance by 10^9 instead of 10^5.
+for ends it, so that looking twice makes one in ten more false alarms at most; and so does one that is even, which makes
+none. The rest of the time a setting that nothing feigns had been tried twenty times to say that it is likelier than
+chance by 10^9 instead of 10^5.
 """
 
 from __future__ import annotations
@@ -49,8 +50,9 @@ from aircraft_sysid_ros.samples import Kind, Samples
 
 Array = npt.NDArray[np.float64]
 
-#: Replicas that are flown first, and the share of ``Thresholds.further`` below which the others are not.
-_FIRST, _CLEAR = 8, 0.1
+#: Replicas that are flown first, and the share of ``Thresholds.further`` below which, and the chance above which, the
+#: others are not.
+_FIRST, _CLEAR, _HOPELESS = 8, 0.1, 0.5
 
 
 @dataclass(frozen=True)
@@ -81,7 +83,7 @@ def chance_of(
     for seeds in filter(len, (range(min(_FIRST, count)), range(_FIRST, count))):
         flown += in_replicas(fault, corrected, calm, seeds)
         chance = _chance(fault, errors, flown, tried)
-        if chance < _CLEAR * THRESHOLDS.further:
+        if not _CLEAR * THRESHOLDS.further <= chance <= _HOPELESS:
             break
     return chance
 
