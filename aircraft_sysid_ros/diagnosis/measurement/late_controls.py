@@ -40,6 +40,8 @@ _CONTROL_DELAY = ("sensors", CONTROLS, "delay")
 _DELAY_OF_LAG, _NEAR = float(np.log(2.0)), 0.05
 #: Steps [s] in which a delay of the controls is looked for beyond the best one near that which is there.
 _FAR = 0.05
+#: How far [s] from one that is found it is looked for more closely: steps of the first look are as wide.
+_CLOSE = 0.03
 #: Its rival, and the shares of a delay of the controls that the IMU is tried to be late by.
 IMU_LAG, _IMU_DELAY, _SHARES = "imu_lag", ("sensors", "imu", "delay"), (0.4, 0.6, 0.8, 1.0)
 
@@ -70,6 +72,7 @@ def try_controls(job: Job) -> Setting:
             return gained
 
         value, best, curvature = maximum(taking_over, start, inner.low, inner.high, 0.5 * needed)
+        best = best if value != start else 0.0  # a better delay is no lag
         beside = ((_CONTROL_DELAY, float(f"{delays[value]:.4g}")),)
     else:
         value, best, curvature = maximum(gain, start, inner.low, inner.high, 0.5 * needed)
@@ -78,6 +81,9 @@ def try_controls(job: Job) -> Setting:
         again = max(tried, key=lambda place: tried[place], default=start)
         if tried.get(again, 0.0) > max(best, 0.0) + 0.5 * needed:
             value, best, curvature = maximum(gain, again, inner.low, inner.high, 0.5 * needed)
+        if best > needed:
+            low, high = max(value - _CLOSE, inner.low), min(value + _CLOSE, inner.high)
+            value, best, curvature = maximum(gain, value, low, high, 0.5 * needed)
     std = float(1.0 / np.sqrt(curvature)) if curvature > 0.0 else np.nan
     if best > needed:  # as much the other way
         moved = value - start if variant.setting[-1] == "lag" else start - value
