@@ -7,7 +7,7 @@ from collections.abc import Callable
 #: Hears what is being done and which share of it is, from 0 to 1.
 Tell = Callable[[str, float], None]
 #: What is told before kernels are loaded: compiled where no process has run them yet.
-FIRST_START = "get ready (a first start compiles, for minutes)"
+FIRST_START = "compile numerical kernels (first start only: minutes)"
 
 
 def nobody(what: str, share: float) -> None:

@@ -55,7 +55,7 @@ _POSITION = (
 )
 _NEAR, _SPEEDS = (-200.0, 200.0), (0.01, 2000.0)
 KEYS = {
-    "name": Key("what results call the aeroplane"),
+    "name": Key("name of the aircraft in results"),
     "mass": Key("mass", "kg", limits=(1e-3, 2e6)),
     "wing_area": Key("wing area", "m²", limits=(1e-4, 1e4)),
     "span": Key("wing span", "m", limits=(0.01, 500.0)),
@@ -66,11 +66,12 @@ KEYS = {
     "gps_position": Key(f"position of the GPS antenna {_POSITION}", "m", "0", _NEAR),
     "aerodynamic_reference": Key(f"point of the moment coefficients {_POSITION}", "m", "centre of gravity", _NEAR),
     "sensors": Key(
-        "per sensor `noise` (one sigma per sample), `rate` [Hz], `delay` [s], of `airspeed`, `angle_of_attack` and "
-        "`sideslip` also `scale` (measured = scale × true) and `drift` (of airspeed what it shows more per second as a "
-        "share, of an angle rad/s, from when the filter starts), of the angles also `offset` [rad] "
-        "(measured = scale × (true + offset + drift × time)), of `control_surfaces` also `lag` [s], the time constant "
-        "with which servos follow what is recorded, and of a lag or delay that was found `0.060 ± 0.003`",
+        "for each sensor `noise` (one sigma per sample), `rate` [Hz], `delay` [s]; for `airspeed`, `angle_of_attack` "
+        "and `sideslip` also `scale` (measured = scale × true) and `drift` from the start of the filter (airspeed: "
+        "share per second; an angle: rad/s); for the angles also `offset` [rad] "
+        "(measured = scale × (true + offset + drift × time)); for `control_surfaces` also `lag` [s], the time constant "
+        "with which the servos follow what is recorded. A lag or delay that was estimated may be given as "
+        "`0.060 ± 0.003`",
         default="small UAV",
     ),
     "process_noise": Key(
@@ -78,16 +79,16 @@ KEYS = {
         default=", ".join(f"{value:g}" for value in DEFAULT_PROCESS_NOISE.values()),
     ),
     "model": Key(
-        "terms per axis, expressions of the signals; axes that are not named keep theirs, `[]` is none",
+        "terms per axis, as expressions of the signals; an axis that is not listed keeps its default terms, `[]`: none",
         default="the 32 terms of (6.25)",
     ),
     "inputs": Key(
-        f"further inputs of the recording, by name, as signals of the terms, at most {MOST_INPUTS}: per input `unit` "
-        "of the recording, `noise` (one sigma) and `limits` `[lowest, highest]`, both in that unit",
+        f"further inputs of the recording, by name, that terms may use as signals, at most {MOST_INPUTS}: for each its "
+        "`unit` in the recording, `noise` (one sigma) and `limits` `[lowest, highest]`, both in that unit",
         "rad, deg, 1, N, rad/s",
         "none; rad",
     ),
-    "surface_signs": Key("+1 or -1 by surface, on what the recording holds", default="1"),
+    "surface_signs": Key("+1 or -1 for each surface: factor on the recorded deflection", default="1"),
     "minimum_airspeed": Key(
         "airspeed below which the aircraft is not flying",
         "m/s",
@@ -97,24 +98,24 @@ KEYS = {
     "ground_altitude": Key(
         "altitude of the ground as the GPS reports it, for height",
         "m",
-        "where it stood; a flight in the air has none",
+        "where the aircraft stood; none if the flight begins in the air",
         (-1000.0, 1e5),
     ),
     "magnetic_declination": Key(
         "declination; without it a magnetometer only starts the heading", "rad", "none", (-float(np.pi), float(np.pi))
     ),
     "parameter_bounds": Key(
-        "by parameter name `[lowest, highest]`, narrower than physics: outside a parameter never has USE "
+        "by parameter name `[lowest, highest]`, narrower than physics allows: outside these a parameter never has USE "
         "([trust.md](trust.md))",
-        default="what aeroplanes have",
+        default="the range of real aircraft",
     ),
     "prior": Key(
-        "what earlier flights say of the parameters, as `fleet` writes it ([fleet.md](fleet.md#a-prior-for-the-next-"
+        "prior for the parameters from earlier flights, as `fleet` writes it ([fleet.md](fleet.md#a-prior-for-the-next-"
         "flight)): `flights` in words, `parameters` by name `[value, standard deviation]`",
         default="none",
     ),
     "coefficients": Key(
-        "known values by parameter name: what `simulate` flies. Never used by the estimators", default="none"
+        "known values by parameter name, which `simulate` flies; never used by the estimators", default="none"
     ),
     "trim_airspeed": Key("airspeed of simulated flights", "m/s", "that at C_L 0.4", _SPEEDS),
 }

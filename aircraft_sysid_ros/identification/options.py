@@ -19,24 +19,26 @@ _FORM = "what was learnt is in its form"
 class ParameterOptions:
     """Options of the second step; the live node offers them as parameters."""
 
-    half_width: float = option(0.08, "Half-width of the differentiating window: its delay.", "s", 0.01, 1.0, _WINDOW)
-    step: float = option(0.04, "Time between evaluations.", "s", 0.005, 1.0, _WINDOW)
-    forgetting_time: float = option(120.0, "Time of motion that the estimates rest on.", "s", 1.0, 1e6)
-    excitation: float = option(
-        2.0, "How far beyond its noise a term must move before its axis learns.", "sigma", 0.0, 100.0
+    half_width: float = option(
+        0.08, "Half-width of the differentiating window, which is its delay.", "s", 0.01, 1.0, _WINDOW
     )
-    settle: float = option(0.2, "How much later than the state a control sample may come.", "s", 0.0, LONGEST_WAIT)
+    step: float = option(0.04, "Time between evaluations.", "s", 0.005, 1.0, _WINDOW)
+    forgetting_time: float = option(120.0, "Time constant of forgetting, in seconds of motion.", "s", 1.0, 1e6)
+    excitation: float = option(
+        2.0, "Ratio of a term's motion to its noise above which its axis learns.", "sigma", 0.0, 100.0
+    )
+    settle: float = option(0.2, "How much later than its state a control sample may arrive.", "s", 0.0, LONGEST_WAIT)
     largest_gap: float = option(0.06, "Longest time between states inside a window.", "s", 0.001, 1.0)
     measured_angles: bool = option(
         True,
-        "Where gusts make the filter late, regress on angles as the vanes measure them. Not for vanes whose errors the "
-        "first step estimates.",
+        "Where gusts make the filter lag, regress on the angles that the vanes measure. Not for vanes whose errors "
+        "the first step estimates.",
     )
-    lag_time: float = option(2.0, "Time over which residuals may be correlated.", "s", 0.1, 10.0, _WINDOW)
+    lag_time: float = option(2.0, "Longest time over which residuals may be correlated.", "s", 0.1, 10.0, _WINDOW)
     error_window: float = option(10.0, "Length of the sliding window of the model error.", "s", 1.0, 600.0)
     estimator: EstimatorName = option(
         "auto",
-        "Estimator whose parameters are the result: auto, the one that suits the flight, rls or rml; rls, recursive "
+        "Estimator whose parameters are published: auto, rls or rml, whichever suits the flight; rls, recursive "
         "least squares in the time domain; fourier, equation error in the frequency domain; rml, recursive maximum "
         "likelihood.",
         fixed=_FORM,
@@ -45,9 +47,9 @@ class ParameterOptions:
     highest_frequency: float = option(
         2.0, "Highest frequency that the estimator fourier uses.", "Hz", 0.01, 20.0, _FORM
     )
-    relearn: bool = option(True, "Learn the changed axis anew after a sudden change of the aeroplane.")
+    relearn: bool = option(True, "Relearn an axis after a sudden change of the aircraft.")
     rml_rate: float = option(
-        100.0, "Rate at which the estimator rml takes the IMU; faster samples are averaged.", "Hz", 10.0, 400.0, _FORM
+        100.0, "Rate at which the estimator rml uses the IMU; faster samples are averaged.", "Hz", 10.0, 400.0, _FORM
     )
 
     @model_validator(mode="after")

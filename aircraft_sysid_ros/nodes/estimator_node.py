@@ -44,14 +44,14 @@ COMMON: dict[str, NodeOption] = {
     ),
     "calibration_file": NodeOption(
         "",
-        "Path of a calibration file (YAML) of `aircraft-sysid calibrate`; empty: samples are taken as they are.",
+        "Path of a calibration file (YAML) written by `aircraft-sysid calibrate`; empty: samples are used as received.",
         fixed="samples that were corrected by it are in what was estimated",
         when=When.CONFIGURED,
         check=lambda path: load_calibration(path) if path else None,
     ),
     "frame_prefix": NodeOption(
         "",
-        "Put before every frame that is named, such as uav1/: for several aeroplanes in one tree of transforms.",
+        "Prefix of every frame name, such as uav1/, for several aircraft in one transform tree.",
         fixed="what was published names them",
         when=When.CONFIGURED,
         check=_check_frame,
@@ -59,16 +59,16 @@ COMMON: dict[str, NodeOption] = {
     "autostart": AUTOSTART,
     "input_reliability": NodeOption(
         "best_effort",
-        "best_effort matches every publisher of sensor data; reliable asks for every sample of a playback, and a "
-        "publisher that keeps all waits for a slow node.",
+        "best_effort matches every publisher of sensor data; reliable requests every sample of a playback: a "
+        "publisher that keeps all samples waits for a slow node.",
         choices=("best_effort", "reliable"),
         fixed=_MADE,
         when=When.ACTIVATED,
     ),
     "input_depth": NodeOption(
         100,
-        "Samples that may wait per topic with best_effort: 100 are a second of an IMU at 100 Hz; give a faster one, or "
-        "a link that comes in bursts, 1000.",
+        "Queue depth per topic with best_effort: 100 is one second of an IMU at 100 Hz; use 1000 for a faster IMU or "
+        "a link that delivers in bursts.",
         low=1,
         high=100000,
         fixed=_MADE,
@@ -141,7 +141,7 @@ class EstimatorNode(ConfigurableNode, ABC):
         if values["calibration_file"]:
             self.correction = Correction(load_calibration(values["calibration_file"]))
             self.correction.warm_up()
-        self.get_logger().info("preparing; the first start compiles, up to a minute")
+        self.get_logger().info("loading numerical kernels; the first start compiles them, which takes up to a minute")
         self._lost.clear()
         self._told.clear()
         self._shared.clear()

@@ -47,7 +47,7 @@ class DiagnosisOptions:
     """Options of the search in flight."""
 
     diagnosis_period: float = option(
-        30.0, "Time of flight between searches for missing effects; 0 is never.", "s", 0.0, 3600.0
+        30.0, "Time of flight between searches for missing effects; 0: no searches.", "s", 0.0, 3600.0
     )
     diagnosis_share: float = option(0.05, "Share of one core that the searches may take on average.", "", 0.001, 1.0)
 

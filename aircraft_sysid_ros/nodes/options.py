@@ -65,7 +65,7 @@ class NodeOption(Option):
 
 
 #: A parameter of every node.
-AUTOSTART = NodeOption(True, "Configure and activate at the start, without a manager.", when=When.STARTED)
+AUTOSTART = NodeOption(True, "Configure and activate at start-up, without a lifecycle manager.", when=When.STARTED)
 
 
 def node_options(kind: type[Any]) -> dict[str, NodeOption]:

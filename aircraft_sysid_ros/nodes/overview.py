@@ -36,11 +36,11 @@ AGGREGATED, TOP_LEVEL = "/diagnostics_agg", "/diagnostics_toplevel_state"
 OPTIONS: dict[str, NodeOption] = {
     "name": NodeOption(
         "",
-        "Name of the aeroplane at the root of the tree; empty: the node's namespace, or aeroplane.",
+        "Name of the aircraft at the root of the tree; empty: the node's namespace, or aeroplane.",
         fixed="what was published stands under it",
         when=When.CONFIGURED,
     ),
-    "patience": NodeOption(3.0, "What did not come for so long is stale.", "s", 0.5, 60.0),
+    "patience": NodeOption(3.0, "Time without a message after which a status is stale.", "s", 0.5, 60.0),
     "autostart": AUTOSTART,
 }
 STATE_NODE = "state_estimator"

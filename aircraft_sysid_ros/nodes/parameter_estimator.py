@@ -46,17 +46,17 @@ VANES_TOPIC = "air_data"
 MORE_INPUTS = dict.fromkeys(("auto", "rml"), ("gps/fix", "gps/vel"))
 #: Whoever may set parameters must not choose where files are written: read at the start alone.
 MODEL_FOLDER = NodeOption(
-    "~/.ros/aircraft_sysid_ros/models", "Folder of the models that save_model writes and load_model reads.",
+    "~/.ros/aircraft_sysid_ros/models", "Folder in which save_model writes models and load_model reads them.",
     when=When.STARTED,
 )  # fmt: skip
 _LEARNT_WITH = "what was learnt is published with it"
 PRIOR = {
     "prior": NodeOption(
-        "", "Folder of `aircraft-sysid fleet`: what its flights say of the parameters before this one; empty: nothing.",
+        "", "Folder written by `aircraft-sysid fleet`, whose flights give a prior for the parameters; empty: no prior.",
         fixed=_LEARNT_WITH, when=When.CONFIGURED,
     ),
     "airframe": NodeOption(
-        "", "Which airframe of `prior` flies; empty: its only one, the one called as the aircraft file says, or all.",
+        "", "Airframe of `prior` that is flying; empty: the only one, the one named in the aircraft file, or all.",
         fixed=_LEARNT_WITH, when=When.CONFIGURED,
     ),
 }  # fmt: skip

@@ -61,7 +61,7 @@ OPTIONS = {
     **node_options(StateOptions),
     "publish_tf": NodeOption(
         False,
-        "Send the pose of `~/odometry` to /tf too, map to base_link; needs tf2_msgs.",
+        "Also send the pose of `~/odometry` to /tf, as map to base_link; needs tf2_msgs.",
         fixed="who hears /tf would lose the frame",
         when=When.CONFIGURED,
         check=_check_transforms,

@@ -49,7 +49,7 @@ OUTPUTS: dict[str, tuple[Topic, ...]] = {
         ),
         Topic(
             "state_estimator/wind", "geometry_msgs/msg/TwistWithCovarianceStamped",
-            "ENU, the direction the air moves to; silent where it is not estimated",
+            "ENU, the direction the air moves towards; not published while it is not estimated",
         ),
         Topic("state_estimator/odometry", "nav_msgs/msg/Odometry", "`map` and `base_link`, with covariances"),
     ),
@@ -67,7 +67,7 @@ OUTPUTS: dict[str, tuple[Topic, ...]] = {
     "overview": (
         Topic(
             "/diagnostics_agg", "diagnostic_msgs/msg/DiagnosticArray",
-            "the aeroplane as one tree, once a second ([overview](nodes.md#the-aeroplane-at-a-glance))",
+            "the aircraft as one tree, once a second ([overview](nodes.md#the-aeroplane-at-a-glance))",
         ),
         Topic("/diagnostics_toplevel_state", "diagnostic_msgs/msg/DiagnosticStatus", "its root"),
     ),
@@ -77,21 +77,21 @@ DIAGNOSTICS = Topic(
     "/diagnostics", "diagnostic_msgs/msg/DiagnosticArray", "what became of every sample, by sensor; processor time"
 )
 #: With `publish_tf`.
-TRANSFORMS = Topic("/tf", "tf2_msgs/msg/TFMessage", "the pose of the odometry, where `publish_tf` is true")
+TRANSFORMS = Topic("/tf", "tf2_msgs/msg/TFMessage", "the pose of the odometry, if `publish_tf` is true")
 SERVICES: dict[str, tuple[Topic, ...]] = {
     "state_estimator": (
-        Topic("state_estimator/reset", f"{_OURS}/srv/Reset", "aligns anew, forgets biases and wind"),
+        Topic("state_estimator/reset", f"{_OURS}/srv/Reset", "realigns the filter; forgets biases and wind"),
     ),
     "parameter_estimator": (
         Topic(
-            "parameter_estimator/add_effect", f"{_OURS}/srv/AddEffect", "a term or an effect into the model, in flight"
+            "parameter_estimator/add_effect", f"{_OURS}/srv/AddEffect", "adds a term or an effect to the model"
         ),
-        Topic("parameter_estimator/remove_effect", f"{_OURS}/srv/RemoveEffect", "and out of it"),
+        Topic("parameter_estimator/remove_effect", f"{_OURS}/srv/RemoveEffect", "removes one"),
         Topic(
             "parameter_estimator/save_model", f"{_OURS}/srv/SaveModel",
-            "the model with what was learnt, as a file in `model_folder`",
+            "writes the model with what was learnt to a file in `model_folder`",
         ),
-        Topic("parameter_estimator/load_model", f"{_OURS}/srv/LoadModel", "such a file, to go on from"),
+        Topic("parameter_estimator/load_model", f"{_OURS}/srv/LoadModel", "loads such a file and continues from it"),
         Topic("parameter_estimator/reset", f"{_OURS}/srv/Reset", "forgets what was learnt"),
     ),
 }  # fmt: skip
