@@ -7,7 +7,7 @@ from collections.abc import Callable
 #: Hears what is being done and which share of it is, from 0 to 1.
 Tell = Callable[[str, float], None]
 #: What is told before kernels are loaded: compiled where no process has run them yet.
-FIRST_START = "compile numerical kernels (first start only: minutes)"
+FIRST_START = "load numerical kernels (the first start compiles them: minutes)"
 
 
 def nobody(what: str, share: float) -> None:
