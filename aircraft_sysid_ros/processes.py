@@ -10,7 +10,10 @@ import os
 import signal
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
+from multiprocessing.connection import Connection
 from typing import Any, TypeVar
+
+from aircraft_sysid_ros.errors import InputError
 
 T = TypeVar("T")
 R = TypeVar("R")
@@ -50,24 +53,48 @@ def in_parallel(function: Callable[[T], R], items: Sequence[T]) -> Iterator[R]:
         yield from pool.map(_of_number, range(len(items)))
 
 
-def beside(function: Callable[[], R]) -> Callable[[], R]:
-    """``function`` in a process of its own, while this one does other work; what is returned waits for its result.
+@contextlib.contextmanager
+def beside(function: Callable[[], R]) -> Iterator[Callable[[], R]]:
+    """``function`` in a process of its own, one more than ``cores`` says, while this one does other work.
 
-    The process inherits what it needs as it is in memory now; only the result is sent. On one core the function is
-    called where its result is asked for.
+    What is yielded waits for its result. The process inherits what it needs as it is in memory now; only the result is
+    sent, or the InputError. It ends with the context, whether it is done or not. Where it is ended before, as for want
+    of memory, and on one core, the function is called where its result is asked for.
     """
     if cores() < 2:
-        return function
-    context, work = multiprocessing.get_context("fork"), (os.getpid(), lambda _: function(), (None,))
-    pool = ProcessPoolExecutor(1, mp_context=context, initializer=_begin, initargs=work)
-    working = pool.submit(_of_number, 0)
+        yield function
+        return
+    context = multiprocessing.get_context("fork")
+    hears, says = context.Pipe(duplex=False)
+    process = context.Process(target=_beside, args=(os.getpid(), function, says))
+    process.start()
+    says.close()
 
     def result() -> R:
-        with pool:
-            found: R = working.result()
-            return found
+        try:
+            found, refused = hears.recv()
+        except EOFError:
+            return function()
+        if refused is not None:
+            raise refused
+        value: R = found
+        return value
 
-    return result
+    try:
+        yield result
+    finally:
+        process.kill()
+        process.join()
+        hears.close()
+
+
+def _beside(parent: int, function: Callable[[], R], says: Connection) -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the other one ends it
+    _begin(parent, lambda _: function(), (None,))
+    try:
+        says.send((_of_number(0), None))
+    except InputError as error:
+        says.send((None, InputError(str(error))))
 
 
 #: What a process of ``in_parallel`` does: the function and all items.

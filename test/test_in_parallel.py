@@ -1,8 +1,11 @@
 """Work on all cores: in order, on what cannot be sent, and with the sentence of what is refused."""
 
 import os
+import select
+import signal
 
 import pytest
+from waiting import LONGEST
 
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.processes import CORES, beside, in_parallel
@@ -54,18 +57,18 @@ def test_one_piece_of_work_goes_on_beside_another(monkeypatch):
         os.write(said, b"begun")
         return 2 * work.number, os.getpid(), os.environ[CORES]
 
-    result = beside(begin)
-    assert os.read(heard, 5) == b"begun"  # and nobody has asked for it yet
-    number, process, cores = result()
+    with beside(begin) as result:
+        assert select.select([heard], [], [], LONGEST)[0]  # it has begun, and nobody has asked for it yet
+        number, process, cores = result()
     assert (number, cores) == (6, "1") and process != os.getpid()
 
 
 def test_on_one_core_it_is_done_when_it_is_asked_for(monkeypatch):
     monkeypatch.setenv(CORES, "1")
     done = []
-    result = beside(lambda: done.append("asked"))
-    assert not done
-    result()
+    with beside(lambda: done.append("asked")) as result:
+        assert not done
+        result()
     assert done == ["asked"]
 
 
@@ -75,5 +78,34 @@ def test_a_refusal_beside_is_the_callers(monkeypatch):
     def refuse():
         raise InputError("no good: take another")
 
-    with pytest.raises(InputError, match="no good: take another"):
-        beside(refuse)()
+    with beside(refuse) as result, pytest.raises(InputError, match="no good: take another"):
+        result()
+
+
+def test_what_is_ended_beside_is_done_again(monkeypatch):
+    """As by a system that has no memory left."""
+    monkeypatch.setenv(CORES, "2")
+    own = os.getpid()
+
+    def ended():
+        if os.getpid() != own:
+            os.kill(os.getpid(), signal.SIGKILL)
+        return "done here"
+
+    with beside(ended) as result:
+        assert result() == "done here"
+
+
+def test_nothing_goes_on_beside_what_failed(monkeypatch):
+    monkeypatch.setenv(CORES, "2")
+    heard, said = os.pipe()
+
+    def for_ever():
+        os.write(said, str(os.getpid()).encode())
+        signal.pause()
+
+    with pytest.raises(RuntimeError, match="the other work"), beside(for_ever):
+        process = int(os.read(heard, 20))
+        raise RuntimeError("the other work")
+    with pytest.raises(ProcessLookupError):
+        os.kill(process, 0)

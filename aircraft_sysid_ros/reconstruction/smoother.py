@@ -151,7 +151,7 @@ def smooth(tape: SmootherHistory, with_covariance: bool = True) -> Array:
     """Smooth a recorded flight, each segment between two breaks on its own; returns its rows (n, StateField.WIDTH).
 
     Without the covariance it is several times faster, and standard deviations are those of the filter. The
-    rows lie in the file of the tape and stand in the place of those that the filter wrote.
+    rows lie in the tape and stand in the place of those that the filter wrote.
     """
     for segment, steps, rows in tape.segments():
         if segment.steps:

@@ -33,7 +33,7 @@ DENSITY = slice(DT + 1, DT + 3)  # of the white noise of accelerometer and gyro,
 WIND_WALK = DT + 3  # [m/s per sqrt(s)] that the filter used
 HAS_ROW = DT + 4  # 1: a row of state.StateField belongs to the end of the step
 STEP_WIDTH = DT + 5
-#: Bytes of a table that stay in memory: ten minutes at 100 Hz.
+#: Bytes of a table that stay in memory: ten minutes of steps at 100 Hz.
 IN_MEMORY = 160_000_000
 
 
@@ -85,7 +85,7 @@ class _Table:
         self._file: IO[bytes] | None = None
 
     def add(self, rows: Array) -> None:
-        """Append rows (n, width). Raises OSError where there is no room for them."""
+        """Append rows (n, width), before any are read. Raises OSError where there is no room for them."""
         written = np.ascontiguousarray(rows).data
         if self._file is None and self._memory.tell() + written.nbytes > IN_MEMORY:
             self._file = tempfile.TemporaryFile()  # noqa: SIM115
@@ -102,7 +102,8 @@ class _Table:
         return np.asarray(np.memmap(self._file, np.float64, "r+").reshape(-1, self._width))
 
     def close(self) -> None:
-        """Its file is gone; what is in use stays."""
+        """What is in use stays; all else is gone."""
+        self._memory = io.BytesIO()
         if self._file is not None:
             self._file.close()
 
@@ -110,7 +111,7 @@ class _Table:
 class SmootherHistory:
     """Records what a ``StateEstimator`` does when it is given to it before the first sample.
 
-    A context manager: its files are gone afterwards, what was mapped from them stays while it is in use.
+    A context manager: what it recorded is gone afterwards, but for what is in use.
     """
 
     def __init__(self) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import warnings
+from copy import copy
 from dataclasses import replace
 
 import numpy as np
@@ -115,7 +116,12 @@ def test_another_shape_of_what_was_found_is_no_further_effect(aircraft):
 def test_what_hardly_moves_a_coefficient_does_not_matter(two_effects):
     finding = two_effects.diagnosis.found[0]
     axis = finding.trial.main_axis
-    small = replace(finding.trial.gains[axis], nrmse_before=0.019, nrmse_after=0.014)
+    gain = finding.trial.gains[axis]
+    fit = copy(gain.fit)
+    fit.spread *= gain.nrmse_before / 0.019  # so much more does the coefficient move
+    del fit.nrmse_held_out
+    small = replace(gain, fit=fit, after=gain.before * (0.014 / 0.019) ** 2)
+    assert (small.nrmse_before, small.nrmse_after) == (pytest.approx(0.019), pytest.approx(0.014))
     assert finding.matters
     assert not replace(finding, trial=replace(finding.trial, gains={**finding.trial.gains, axis: small})).matters
 

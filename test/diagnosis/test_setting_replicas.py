@@ -86,7 +86,7 @@ def test_what_replicas_feign_as_well_is_no_fault(aircraft, offset, monkeypatch):
     assert set(said) == {"look at the measurement in replicas"}
 
 
-@pytest.mark.parametrize(("share", "flown"), [(0.001, 8), (0.1, 20), (2.0, 8), (np.nan, 8)])
+@pytest.mark.parametrize(("share", "flown"), [(0.001, 12), (0.1, 20), (2.0, 12), (np.nan, 12)])
 def test_more_replicas_are_flown_where_the_first_leave_a_doubt(monkeypatch, share, flown):
     """Gains of 0.1 of that of the flight, in no order, are beyond chance only if twenty say so."""
     seen, effect = [], BY_ID["alpha_offset"]

@@ -75,6 +75,28 @@ def test_controls_that_come_slowly_in_pairs_are_not_lost():
     assert not unseen_steps(np.array([0.001, 0.099] * 40))[4:].any()  # before two have come nobody knows the rate
 
 
+def test_what_was_lost_does_not_depend_on_the_portions(aircraft):
+    """Most of the controls are lost for seconds, and one step decides what is usual."""
+    steps = np.array([0.02] * 60 + [0.12] * 72 + [0.2] + [0.02] * 30)
+    times, values = np.concatenate([[0.0], np.cumsum(steps)]), np.zeros((len(steps) + 1, 7))
+    values[:, ELEVATOR] = 0.3 * np.sin(np.arange(len(values)))
+    rows = np.zeros((int(times[-1] / 0.0049) - 62, StateField.WIDTH))
+    rows[:, StateField.TIME] = 0.3 + 0.0049 * np.arange(len(rows))
+
+    def controls(parts):
+        history, found = ControlHistory(aircraft, SETTLE), []
+        history.add(samples_of(Kind.CONTROLS, np.rint(times * SECOND), values), 0)
+        for part in np.array_split(rows, parts):
+            found.append(history.at(part, False)[0])
+            history.forget_before(float(part[-1, StateField.TIME]))
+        return np.vstack(found)
+
+    whole = controls(1)
+    assert np.isnan(whole[:, ELEVATOR]).any()
+    for parts in (7, len(rows)):
+        np.testing.assert_array_equal(controls(parts), whole)
+
+
 def begins_lost(samples):
     """The flight without the samples of the controls with which a surface begins to move."""
     controls = np.flatnonzero(samples.kind == Kind.CONTROLS)

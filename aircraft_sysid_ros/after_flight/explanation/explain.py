@@ -147,21 +147,19 @@ def _explained(
 ) -> Explanation:
     tell("read the log", 0.0)
     recording, notes = _recording(log, place / RECORDING, options)
-    checking = beside(lambda: check_recording(recording, aircraft))
-    replayed = _replayed(recording, aircraft, place / RUN, options, part_of(tell, 0.02, 0.25))
-    checked = checking()
+    checked = check_recording(recording, aircraft, part_of(tell, 0.02, 0.15))
     if recording != log:
         checked = replace(checked, path=str(out / RECORDING))  # where it will be
     if any(NO_SURFACES in note for note in notes):
         checked = _with_outputs(checked)
     notes += checked.notes
-    in_time, checked, done = with_gps_in_time(aircraft, checked)
+    aircraft, checked, done = with_gps_in_time(aircraft, checked)
     notes += done
-    if in_time is not aircraft:
-        replayed = _replayed(recording, in_time, place / RUN, options, part_of(tell, 0.15, 0.25))
-    aircraft = in_time
-    if isinstance(replayed, InputError):
-        why_not = str(replayed).replace(str(place), str(out))
+    try:
+        chosen = ReplayOptions(state=StateOptions(calm_air=options.calm_air))
+        replayed = replay([str(recording)], aircraft, place / RUN, chosen, part_of(tell, 0.15, 0.25))
+    except InputError as error:
+        why_not = str(error).replace(str(place), str(out))
         if not any(finding.severity == ERROR for finding in checked.checked.findings):
             raise InputError(why_not) from None
         unused = (0, len(aircraft.model.parameter_names))
@@ -202,17 +200,6 @@ def _explained(
         why_not=why_not,
         notes=tuple(dict.fromkeys(notes)),
     )
-
-
-def _replayed(
-    recording: Path, aircraft: Aircraft, run: Path, options: ExplainOptions, tell: Tell
-) -> Mapping[str, Any] | InputError:
-    """What ``replay`` says, or why it cannot."""
-    try:
-        chosen = ReplayOptions(overwrite=True, state=StateOptions(calm_air=options.calm_air))
-        return replay([str(recording)], aircraft, run, chosen, tell)
-    except InputError as error:
-        return error
 
 
 def with_gps_in_time(aircraft: Aircraft, checked: CheckedRecording) -> tuple[Aircraft, CheckedRecording, list[str]]:
@@ -284,12 +271,13 @@ def _judged(run: Path, options: ExplainOptions, tell: Tell) -> tuple[ComparedRun
         except InputError as error:
             return None, str(error)
 
-    compared, diagnosis, why_not = beside(comparison), None, ""
-    try:
-        diagnosis = diagnose([run], options.replicas, part_of(tell, 0.25, 0.97))
-    except InputError as error:
-        why_not = str(error)
-    found, why = compared()
+    diagnosis, why_not = None, ""
+    with beside(comparison) as compared:
+        try:
+            diagnosis = diagnose([run], options.replicas, part_of(tell, 0.25, 0.97))
+        except InputError as error:
+            why_not = str(error)
+        found, why = compared()
     return None if found is None else ComparedRun(open_run(run), found), diagnosis, why or why_not
 
 

@@ -10,6 +10,7 @@ Surfaces that follow with the lag of a servo are rivals of those that follow as 
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 
@@ -55,6 +56,7 @@ def try_controls(job: Job) -> Setting:
     start, as_late = nominal(aircraft, variant.setting), nominal(aircraft, _CONTROL_DELAY)
     beside: tuple[tuple[tuple[str, ...], float], ...] = ()
 
+    @cache
     def gain(value: float, delay: float = as_late) -> float:
         try:
             changed = with_setting(_with_delay(aircraft, delay), variant.setting, value)
@@ -65,6 +67,7 @@ def try_controls(job: Job) -> Setting:
     if variant.setting[-1] == "lag" and as_late < 0.0:
         delays = dict[float, float]()
 
+        @cache
         def taking_over(value: float) -> float:
             usual = float(np.clip(as_late + _DELAY_OF_LAG * (value - start), as_late, 0.0))
             low, high = max(usual - _NEAR, effect.inner[0].low), min(usual + _NEAR, 0.0)
@@ -72,7 +75,7 @@ def try_controls(job: Job) -> Setting:
             return gained
 
         value, best, curvature = maximum(taking_over, start, inner.low, inner.high, 0.5 * needed)
-        best = best if value != start else 0.0  # a better delay is no lag
+        best -= max(taking_over(start), 0.0)  # a better delay is no lag
         beside = ((_CONTROL_DELAY, float(f"{delays[value]:.4g}")),)
     else:
         value, best, curvature = maximum(gain, start, inner.low, inner.high, 0.5 * needed)
@@ -83,7 +86,8 @@ def try_controls(job: Job) -> Setting:
             value, best, curvature = maximum(gain, again, inner.low, inner.high, 0.5 * needed)
         if best > needed:
             low, high = max(value - _CLOSE, inner.low), min(value + _CLOSE, inner.high)
-            value, best, curvature = maximum(gain, value, low, high, 0.5 * needed)
+            value, best, closer = maximum(gain, value, low, high, 0.5 * needed)
+            curvature = closer or curvature
     std = float(1.0 / np.sqrt(curvature)) if curvature > 0.0 else np.nan
     if best > needed:  # as much the other way
         moved = value - start if variant.setting[-1] == "lag" else start - value

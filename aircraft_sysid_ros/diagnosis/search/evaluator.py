@@ -103,7 +103,9 @@ def log_ratio(gain: Gain) -> float:
     held_out, fitted = (
         (float(gain.before.sum()), float(gain.after.sum())), (gain.fitted_before, gain.fitted_after)
     )  # fmt: skip
-    return min(math.log(before / after) if min(before, after) > 0.0 else 0.0 for before, after in (held_out, fitted))
+    return min(
+        math.log(before) - math.log(after) if min(before, after) > 0.0 else 0.0 for before, after in (held_out, fitted)
+    )
 
 
 def price_of_one(gain: Gain) -> float:

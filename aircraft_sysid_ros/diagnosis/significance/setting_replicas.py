@@ -11,9 +11,9 @@ as an effect of the library must: where an autopilot holds a course in calm air 
 which the records' noise is as large, and a delay tells apart what noise has made alike.
 
 Not all replicas are flown where the first of them leave no doubt: a chance that is a tenth of the least that is asked
-for ends it, so that looking twice makes one in ten more false alarms at most; and so does one that is even, which makes
-none. The rest of the time a setting that nothing feigns had been tried twenty times to say that it is likelier than
-chance by 10^9 instead of 10^5.
+for ends it, and so does one that is even. With scores that are skewed or heavy-tailed that makes no more false alarms
+than all replicas at once; with those that are large in one of ten replicas, and next to nothing in the others, the
+first dozen says 1.5 times as often as all twenty do that it is beyond chance.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ Array = npt.NDArray[np.float64]
 
 #: Replicas that are flown first, and the share of ``Thresholds.further`` below which, and the chance above which, the
 #: others are not.
-_FIRST, _CLEAR, _HOPELESS = 8, 0.1, 0.5
+_FIRST, _CLEAR, _HOPELESS = 12, 0.1, 0.5
 
 
 @dataclass(frozen=True)

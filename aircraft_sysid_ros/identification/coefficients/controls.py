@@ -206,7 +206,9 @@ class ControlHistory:
         self.pace.take(times[(times > self.used_until) & (times <= used_until)])
         self.used_until = used_until
         for kind, (times, values) in self._series.items():
-            reach = used_until - self._input_reach if kind == Kind.INPUTS else used_until
+            reach = used_until - (
+                self._input_reach if kind == Kind.INPUTS else self.settle
+            )  # as ``moved_unseen`` looks
             keep = max(int(np.searchsorted(times, reach)) - 2 - STEPS_BEFORE, 0)
             self._series[kind] = (times[keep:], values[keep:])
 

@@ -32,6 +32,8 @@ CHANGE = 1.3
 LOWEST_RATE, SLACK = 10.0, 1.25
 #: Intervals that are so many times as long as usual are gaps where samples are sparse: nobody knows what was in them.
 GAP = 1.5
+#: Time [s] between states over which goes on what differentiates nothing: lags, transforms and filters.
+BRIDGED_GAP = 0.1
 #: Share of a parameter that may be lost to what no sample saw, at LOWEST_RATE; it goes with the square of the interval.
 #: The rms of flights of perfect sensors, of the derivatives that it is worst for (docs/parameters.md).
 SAMPLING_ERROR = 0.025

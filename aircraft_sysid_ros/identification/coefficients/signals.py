@@ -184,16 +184,19 @@ def moved_unseen(
     few samples takes the difference for the aeroplane. Samples are lost where a step is longer than ``shortest`` [s]
     and ``LOST_STEPS`` times as long as usual. It counts a usual step longer, since states may have been lost with them.
     Where a machine is too busy most of them are lost, for seconds: what is usual is what a quarter of the steps are.
-    ``noise`` (k,): one sigma. No sample is looked at that is later than ``ahead`` [s].
+    ``noise`` (k,): one sigma. No sample is looked at that is later than ``ahead`` [s], and none counts for longer.
     """
     unseen = np.zeros((len(at), values.shape[1]), np.bool_)
+    if not len(at):
+        return unseen
     steps, moved = np.diff(times), np.abs(np.diff(values, axis=0)) > _MOVED * noise
-    for i in np.flatnonzero((steps > shortest) & moved.any(axis=1)).tolist():
+    near = (times[:-1] < at[-1]) & (times[1:] >= at[0] - ahead)
+    for i in np.flatnonzero((steps > shortest) & near & moved.any(axis=1)).tolist():
         before = times[max(i - STEPS_BEFORE, 0) : i + 1]
         usual = 0.5 * float(np.quantile(before[2:] - before[:-2], _IN_TIME)) if len(before) > 2 else 0.0
         if steps[i] > LOST_STEPS * usual:
-            after = times[i + 1] - at
-            unseen[(at > times[i]) & (after <= ahead) & (after >= -max(usual, 0.5 * shortest))] |= moved[i]
+            after, longer = times[i + 1] - at, min(max(usual, 0.5 * shortest), ahead)
+            unseen[(at > times[i]) & (after <= ahead) & (after >= -longer)] |= moved[i]
     return unseen
 
 

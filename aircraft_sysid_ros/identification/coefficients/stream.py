@@ -27,7 +27,7 @@ from aircraft_sysid_ros.identification.coefficients.layout import (
     CoefficientBatch,
     CoefficientSample,
 )
-from aircraft_sysid_ros.identification.coefficients.pace import Pace
+from aircraft_sysid_ros.identification.coefficients.pace import BRIDGED_GAP, Pace
 from aircraft_sysid_ros.identification.coefficients.signals import sensor_noise
 from aircraft_sysid_ros.identification.options import ParameterOptions
 from aircraft_sysid_ros.reconstruction.ordering import LARGEST_LEAP as _LARGEST_LEAP_OF_IMU
@@ -70,6 +70,7 @@ class CoefficientStream:
         """Gaps and noise for the rate at which states come now."""
         self._kept_interval = self.pace.interval
         self._largest_gap = self.pace.largest_gap(self._options.largest_gap)
+        self._remembered = self.pace.largest_gap(max(self._options.largest_gap, BRIDGED_GAP))
         self.force_noise = force_noise(self.pace.seen_by(self._aircraft), self._options.half_width)
 
     def _set_model(self, aircraft: Aircraft) -> None:
@@ -90,7 +91,7 @@ class CoefficientStream:
         """Lags and terms of history rows, which follow those before, from their signals."""
         signals = np.ascontiguousarray(history[:, SIGNAL:NOISE])
         if self._model.lags:
-            self._memory.write(np.ascontiguousarray(history[:, TIME]), signals, self._largest_gap)
+            self._memory.write(np.ascontiguousarray(history[:, TIME]), signals, self._remembered)
             history[:, SIGNAL:NOISE] = signals
             fill_lag_noise(*self._lag_code, history)
         terms = np.empty((len(history), self._width - TERM))

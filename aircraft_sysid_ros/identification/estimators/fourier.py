@@ -37,7 +37,7 @@ from aircraft_sysid_ros.estimation.recursive_fourier import (
 from aircraft_sysid_ros.identification.coefficients.body import body_of, force_noise
 from aircraft_sysid_ros.identification.coefficients.flow_angles import WINDOW_WIDTH
 from aircraft_sysid_ros.identification.coefficients.layout import TERM, TIME, CoefficientBatch
-from aircraft_sysid_ros.identification.coefficients.pace import Pace
+from aircraft_sysid_ros.identification.coefficients.pace import BRIDGED_GAP, Pace
 from aircraft_sysid_ros.identification.estimators.contract import AxisEstimate, AxisReset, KnownParameters
 from aircraft_sysid_ros.identification.estimators.fourier_prior import (
     Before,
@@ -106,7 +106,7 @@ class FourierEstimator:
         """See ``Estimator``."""
         self._pace, seen = pace, pace.seen_by(self._aircraft)
         setting = setting_of(seen, self._options)
-        self._setting = setting._replace(largest_gap=pace.largest_gap(self._options.largest_gap))
+        self._setting = setting._replace(largest_gap=pace.largest_gap(setting.largest_gap))
         self._kept = kept_by_interpolation(seen, setting.frequencies)
 
     def reset(self) -> None:
@@ -322,7 +322,7 @@ def setting_of(aircraft: Aircraft, options: ParameterOptions) -> Setting:
         frequencies=2.0 * np.pi * np.concatenate([[0.0], np.linspace(low, high, count)]),
         memory=2.0 * options.forgetting_time,  # of the amplitude: squares fade twice as fast
         step=options.step,
-        largest_gap=options.largest_gap,
+        largest_gap=max(options.largest_gap, BRIDGED_GAP),
         excitation=options.excitation,
         force_noise=force_noise(aircraft, options.half_width),
         in_band=in_band,

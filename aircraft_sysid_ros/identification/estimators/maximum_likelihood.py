@@ -48,7 +48,7 @@ from aircraft_sysid_ros.flight_model.layout import (
 from aircraft_sysid_ros.identification.coefficients import layout
 from aircraft_sysid_ros.identification.coefficients.body import body_of
 from aircraft_sysid_ros.identification.coefficients.layout import WEIGHT_COLUMNS, Body, CoefficientBatch
-from aircraft_sysid_ros.identification.coefficients.pace import Pace
+from aircraft_sysid_ros.identification.coefficients.pace import BRIDGED_GAP, Pace
 from aircraft_sysid_ros.identification.estimators import likelihood_state as loop
 from aircraft_sysid_ros.identification.estimators.contract import AxisEstimate, AxisReset, KnownParameters
 from aircraft_sysid_ros.identification.estimators.dense_epochs import DenseEpochs
@@ -158,7 +158,7 @@ class MaximumLikelihoodEstimator:
         rate = min(options.rml_rate, pace.rate) if pace.is_sparse else options.rml_rate
         rows = options.forgetting_time * rate * _ROWS_PER_KNOT
         early = _EARLY_FORGETTING ** (_EARLY_RATE / rate) if pace.is_sparse else _EARLY_FORGETTING
-        gap = max(options.largest_gap, 2.0 / options.rml_rate)
+        gap = max(options.largest_gap, BRIDGED_GAP, 2.0 / options.rml_rate)
         return loop.Tuning(
             largest_gap=pace.largest_gap(gap, _BRIDGED),
             forgetting=float(np.exp(-1.0 / rows)),
