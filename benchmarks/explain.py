@@ -38,7 +38,7 @@ ROOT = Path(__file__).resolve().parents[1]
 RESULTS = ROOT / "benchmarks" / "results" / "explain.json"
 #: Seed of each set, to which the number of the case is added.
 SEEDS = {"made": 4100, "judged": 8300}
-_KNOWN_KEYS = (
+KNOWN_KEYS = (
     "name", "mass", "wing_area", "span", "chord", "inertia", "imu_position", "air_data_position", "gps_position",
     "ground_altitude",
 )  # fmt: skip
@@ -146,7 +146,7 @@ def explained(case: Case, number: int, seed: int, duration: float, folder: Path)
     flight = replace(flight, streams=[case.log(stream, seed) for stream in flight.streams])
     bag, file = folder / f"log_{number}", folder / f"aircraft_{number}.yaml"
     write_flight(flight, bag)
-    content = {key: aircraft.source[key] for key in _KNOWN_KEYS}
+    content = {key: aircraft.source[key] for key in KNOWN_KEYS}
     file.write_text(yaml.safe_dump(case.file(content), sort_keys=False), encoding="utf8")
     words = [sys.executable, "-m", "aircraft_sysid_ros.commands.main", "explain", bag, "--aircraft", file,
              "--out", folder / f"out_{number}", "--json"]  # fmt: skip

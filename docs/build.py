@@ -772,6 +772,10 @@ TABLES: dict[str, Callable[[], str]] = {
     "polar_seaway": lambda: table(*polar_tables.seaway(load("polar_seaway"))),
     "faults": faults,
     "faults_now": lambda: faults("faults_now"),
+    "lost_samples": lambda: table(
+        *trust_tables.lost_samples(load_lines("lost_samples_before"), load_lines("lost_samples"))
+    ),
+    "late_records": lambda: table(*diagnosis_tables.late_records(load_lines("late_records"))),
     "small_airspeed_error": lambda: table(*trust_tables.small_airspeed_error(load_lines("small_airspeed_error"))),
     "airspeed_faults": lambda: table(*trust_tables.airspeed_faults(load_lines("airspeed_faults"))),
     "stalls_in_flight": lambda: table(*trust_tables.stalls_in_flight(load("stalls_in_flight"))),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 from typing import Any
 
@@ -374,6 +375,22 @@ def lags(flown: list[dict[str, Any]]) -> Rows:
         usual = sorted(std for _, std in pairs)[len(pairs) // 2]
         rows.append([words, str(len(pairs)), f"{usual:.3f}", f"{rms:.2f}", f"{max(map(abs, times)):.1f}"])
     return ["relation", "lags", "usual standard error [s]", "rms of lag over it", "largest"], rows
+
+
+def late_records(flown: list[dict[str, Any]]) -> Rows:
+    """Flights whose controls are recorded late or early, and such in time: what is named, and how well."""
+    rows = []
+    for air, late in itertools.product(("calm", "light"), (False, True)):
+        flights = [f for f in flown if f["air"] == air and f["late"] == late]
+        told = [f for f in flights if f["told"] is not None]
+        errors = [1e3 * abs(f["told"] - f["delay"]) for f in told]
+        others = sum(len(f["named"]) - (f["told"] is not None) for f in flights)
+        largest = f"{max(errors):.1f} ms" if late and errors else ""
+        rows.append(
+            ["late or early" if late else "in time", air, str(len(flights)), str(len(told)), largest, str(others)]
+        )
+    header = ["controls", "air", "flights", "a delay named", "largest error of it", "other settings named"]
+    return header, rows
 
 
 def thresholds() -> Rows:

@@ -143,6 +143,18 @@ def airspeed_faults(found: list[dict[str, Any]]) -> Table:
     return header, rows
 
 
+def lost_samples(before: list[dict[str, Any]], now: list[dict[str, Any]]) -> Table:
+    """Values in USE of flights most of whose samples were lost for seconds, and how many were off."""
+    rows = []
+    for name, flights in (("before", before), ("now", now)):
+        used, left = sum(f["used"] for f in flights), sum(f["left"] for f in flights) / len(flights)
+        shares = [f"{100 * sum(f[key] for f in flights) / used:.2f} %" for key in ("beyond_3", "beyond_5")]
+        largest = f"{max(f['largest'] for f in flights):.1f}"
+        rows.append([name, str(len(flights)), f"{100 * left:.0f} %", str(used), *shares, largest])
+    header = ["rules", "flights", "samples left", "values in USE", "beyond 3 standard errors", "beyond 5", "largest"]
+    return header, rows
+
+
 def small_airspeed_error(found: list[dict[str, Any]]) -> Table:
     """Airspeeds that are off by a few per cent: said in flight, told after it, and how well they are known."""
     rows = []

@@ -67,7 +67,7 @@ def diagnose_flight(
     if not np.any(samples.kind == Kind.SEAM):  # a drift starts over with each manoeuvre
         others += [effect.as_terms for effect in measuring if effect.as_terms is not None]
     given = aircraft
-    aircraft, flight, calm, settings = _measurement_first(aircraft, flight, calm, measuring, replicas, progress)
+    aircraft, flight, calm, settings = measurement_first(aircraft, flight, calm, measuring, replicas, progress)
     data = settled_flight(flight)
     not_beside = OF_LATE_SURFACES if data.has_late_surfaces else OF_SERVOS if has_found_lag(settings) else ()
     others = [effect for effect in others if effect.identifier not in not_beside]
@@ -131,7 +131,7 @@ def _searched(
             return result, left, corrected
 
 
-def _measurement_first(
+def measurement_first(
     given: Aircraft,
     flight: Reconstruction,
     calm: bool,
