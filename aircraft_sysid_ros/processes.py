@@ -42,15 +42,22 @@ def worker_pool(workers: int) -> ProcessPoolExecutor:
 def in_parallel(function: Callable[[T], R], items: Sequence[T]) -> Iterator[R]:
     """``function`` of each item, in order, on all cores.
 
-    Processes inherit both as they are in memory now; only results are sent. On one core this one does it.
+    Processes inherit both as they are in memory now; only results are sent. On one core this one does it. Where it ends
+    before, as by Ctrl-C or since an item is refused, nobody waits for what the others are at.
     """
     workers = min(len(items), cores())
     if workers < 2:
         yield from map(function, items)
         return
     context, work = multiprocessing.get_context("fork"), (os.getpid(), function, items)
+    others = set(multiprocessing.active_children())
     with ProcessPoolExecutor(workers, mp_context=context, initializer=_begin, initargs=work) as pool:
-        yield from pool.map(_of_number, range(len(items)))
+        try:
+            yield from pool.map(_of_number, range(len(items)))
+        except BaseException:
+            for process in set(multiprocessing.active_children()) - others:
+                process.kill()
+            raise
 
 
 @contextlib.contextmanager

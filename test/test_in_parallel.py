@@ -1,8 +1,10 @@
 """Work on all cores: in order, on what cannot be sent, and with the sentence of what is refused."""
 
+import multiprocessing
 import os
 import select
 import signal
+import time
 
 import pytest
 from waiting import LONGEST
@@ -47,6 +49,28 @@ def test_a_refusal_is_the_callers(monkeypatch, cores):
 
     with pytest.raises(InputError, match="4 is no good: take another"):
         list(in_parallel(refuse, [4, 5]))
+
+
+@pytest.mark.parametrize("ends", ["refused", "interrupted", "left"])
+def test_nobody_waits_for_the_others_where_it_ends_before(monkeypatch, ends):
+    monkeypatch.setenv(CORES, "2")
+    heard, said = os.pipe()
+
+    def work(number):
+        if number == 0:
+            os.read(heard, 1)  # the other one is at it
+            if ends == "refused":
+                raise InputError("no good: take another")
+            return number
+        os.write(said, b"x")
+        time.sleep(LONGEST)
+
+    begun = time.monotonic()
+    raised = {"refused": InputError, "interrupted": KeyboardInterrupt, "left": RuntimeError}[ends]
+    with pytest.raises(raised):
+        for _ in in_parallel(work, [0, 1]):
+            raise raised("the other work")
+    assert not multiprocessing.active_children() and time.monotonic() - begun < 0.5 * LONGEST
 
 
 def test_one_piece_of_work_goes_on_beside_another(monkeypatch):
