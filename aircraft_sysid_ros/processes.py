@@ -52,9 +52,11 @@ def in_parallel(function: Callable[[T], R], items: Sequence[T]) -> Iterator[R]:
     context, work = multiprocessing.get_context("fork"), (os.getpid(), function, items)
     others = set(multiprocessing.active_children())
     with ProcessPoolExecutor(workers, mp_context=context, initializer=_begin, initargs=work) as pool:
+        waiting = [pool.submit(_of_number, number) for number in range(len(items))][::-1]
         try:
-            yield from pool.map(_of_number, range(len(items)))
-        except BaseException:
+            while waiting:
+                yield waiting.pop().result()
+        except BaseException:  # nothing is cancelled: the pool would say so of what it cannot end any more
             for process in set(multiprocessing.active_children()) - others:
                 process.kill()
             raise

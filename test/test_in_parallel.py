@@ -52,7 +52,7 @@ def test_a_refusal_is_the_callers(monkeypatch, cores):
 
 
 @pytest.mark.parametrize("ends", ["refused", "interrupted", "left"])
-def test_nobody_waits_for_the_others_where_it_ends_before(monkeypatch, ends):
+def test_nobody_waits_for_the_others_where_it_ends_before(monkeypatch, capfd, ends):
     monkeypatch.setenv(CORES, "2")
     heard, said = os.pipe()
 
@@ -71,6 +71,7 @@ def test_nobody_waits_for_the_others_where_it_ends_before(monkeypatch, ends):
         for _ in in_parallel(work, [0, 1]):
             raise raised("the other work")
     assert not multiprocessing.active_children() and time.monotonic() - begun < 0.5 * LONGEST
+    assert capfd.readouterr().err == ""
 
 
 def test_one_piece_of_work_goes_on_beside_another(monkeypatch):
