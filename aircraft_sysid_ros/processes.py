@@ -99,9 +99,9 @@ def beside(function: Callable[[], R]) -> Iterator[Callable[[], R]]:
 
 def _beside(parent: int, function: Callable[[], R], says: Connection) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the other one ends it
-    _begin(parent, lambda _: function(), (None,))
+    _join(parent)
     try:
-        says.send((_of_number(0), None))
+        says.send((function(), None))
     except InputError as error:
         says.send((None, InputError(str(error))))
 
@@ -110,10 +110,15 @@ def _beside(parent: int, function: Callable[[], R], says: Connection) -> None:
 _WORK: list[Any] = []
 
 
-def _begin(parent: int, function: Callable[[T], R], items: Sequence[T]) -> None:
+def _join(parent: int) -> None:
+    """Begin as one of the processes that share the work of another."""
     end_with(parent)
     os.environ[CORES] = "1"  # the others have theirs
     gc.freeze()  # what was there before is neither looked through nor, by that, copied
+
+
+def _begin(parent: int, function: Callable[[T], R], items: Sequence[T]) -> None:
+    _join(parent)
     _WORK[:] = function, items
 
 

@@ -128,8 +128,16 @@ class AerodynamicModel:
 
     def steady_terms(self, rows: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
         """All terms, shape (n, parameters), on signal rows (n, SIGNAL_COUNT), with lags in the steady state."""
+        return self.terms_along(np.zeros(len(rows)), rows, np.inf)
+
+    def terms_along(
+        self, times: npt.NDArray[np.float64], rows: npt.NDArray[np.float64], longest: float
+    ) -> npt.NDArray[np.float64]:
+        """All terms, shape (n, parameters), on signal rows (n, SIGNAL_COUNT) of a flight in order of ``times`` [s]; a
+        pause of more than ``longest`` [s] starts the lags over.
+        """
         values = np.empty((len(rows), int(self.offsets[-1])))
-        evaluate_rows(*self.linked, with_lags(self.lags, np.zeros(len(rows)), rows, np.inf), values)
+        evaluate_rows(*self.linked, with_lags(self.lags, times, rows, longest), values)
         return values
 
     def coefficients(

@@ -17,8 +17,6 @@ import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, AerodynamicModel, model_from_terms
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
-from aircraft_sysid_ros.aircraft.postfix import evaluate_rows
-from aircraft_sysid_ros.aircraft.term_values import with_lags
 from aircraft_sysid_ros.errors import InputError
 
 Array = npt.NDArray[np.float64]
@@ -82,9 +80,7 @@ class LearntModel:
     def terms_on(self, signals: Array) -> Array:
         """All terms (n, k) on signal rows in order of time."""
         time, rows = signals[:, self.model.signal_names.index("time")], np.ascontiguousarray(signals)
-        out = np.empty((len(rows), len(self.parameters)))
-        evaluate_rows(*self.model.linked, with_lags(self.model.lags, time, rows, 1.5 * self.step), out)
-        return out
+        return self.model.terms_along(time, rows, 1.5 * self.step)
 
     def coefficients_of(self, terms: Array) -> Array:
         """C_X … C_n (n, 6) of terms (n, k); terms whose parameter is not known count nothing, even where NaN."""

@@ -20,9 +20,7 @@ import numpy.typing as npt
 from aircraft_sysid_ros.aircraft import atmosphere
 from aircraft_sysid_ros.aircraft.configuration import SURFACES, Aircraft
 from aircraft_sysid_ros.aircraft.frames import air_data_from_velocities, rotation_matrices
-from aircraft_sysid_ros.aircraft.postfix import evaluate_rows
 from aircraft_sysid_ros.aircraft.signals import MOST_INPUTS
-from aircraft_sysid_ros.aircraft.term_values import with_lags
 from aircraft_sysid_ros.diagnosis.flight.motion_coefficients import coefficients_of_motion
 from aircraft_sysid_ros.diagnosis.flight.reconstruction import AIR_DATA, Reconstruction
 from aircraft_sysid_ros.diagnosis.flight.sensor_rates import with_recorded_rates
@@ -248,10 +246,7 @@ def _model_coefficients(aircraft: Aircraft, rows: Array, controls: Array, height
     """What the model says of a motion, (n, 6)."""
     body = body_of(aircraft)
     signals = signals_of(rows, controls, height, body.geometry, body.gravity)
-    signals = with_lags(aircraft.model.lags, rows[:, StateField.TIME], signals, 1.5 / RATE)
-    code, offsets = aircraft.model.linked
-    terms = np.empty((len(rows), len(offsets) - 1))
-    evaluate_rows(code, offsets, signals, terms)
+    terms = aircraft.model.terms_along(rows[:, StateField.TIME], signals, 1.5 / RATE)
     edges = aircraft.model.offsets
     columns = [terms[:, a:b] @ parameters[a:b] for a, b in itertools.pairwise(edges)]
     return np.stack(columns, axis=1)
