@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+from results import Rows
+
 Result = dict[str, Any]
-Table = tuple[list[str], list[list[str]]]
 
 #: Parameters that are angles: shown in degrees.
 _ANGLES = ("b_alpha", "b_beta", "eps_phi", "b_phi", "b_theta", "inclination", "declination", "eta_x", "eta_y", "eta_z")
-#: Table 6 of the two-stage paper, in the units of ours: estimate and standard deviation on its flight.
+#: Rows 6 of the two-stage paper, in the units of ours: estimate and standard deviation on its flight.
 _PAPER_STD = {
     "lambda_V": 0.0739, "b_V": 1.2672, "lambda_alpha": 0.3228, "b_alpha": 0.5603, "lambda_beta": 0.2379,
     "b_beta": 0.5164, "eps_phi": 15.46, "W_N": 0.8704, "W_E": 0.9956, "W_D": 0.9952,
@@ -20,7 +21,7 @@ _METHODS = {
     "one_stage_random": "one stage from random starts, Gauss-Newton",
     "sqp_zero": "one stage from zero wind and zero error, SQP", "sqp_random": "one stage from a random start, SQP",
 }  # fmt: skip
-#: Rms of the reconstructed inertial velocity and estimated noise of the paper's flight, Table 7; its airspeed rms.
+#: Rms of the reconstructed inertial velocity and estimated noise of the paper's flight, Rows 7; its airspeed rms.
 _PAPER_RMS, _PAPER_NOISE, _PAPER_AIRSPEED = (1.2564, 1.1028, 0.8321), (0.9875, 0.8645, 0.9207), 0.1241
 
 
@@ -34,7 +35,7 @@ def _unit(name: str) -> str:
     return "m/s" if name in ("b_V", "W_N", "W_E", "W_D") else ""
 
 
-def probe(result: Result) -> Table:
+def probe(result: Result) -> Rows:
     """Errors of the ten parameters against their standard errors."""
     rows = []
     for name, p in result["probe"]["parameters"].items():
@@ -48,7 +49,7 @@ def probe(result: Result) -> Table:
     return header, rows
 
 
-def minima(result: Result) -> Table:
+def minima(result: Result) -> Rows:
     """How often the right minimum was reached."""
     found = result["probe"]
     rows = []
@@ -59,8 +60,8 @@ def minima(result: Result) -> Table:
     return ["method", "runs", "right minimum"], rows
 
 
-def velocity(result: Result) -> Table:
-    """Beside Table 7 and the airspeed of the paper."""
+def velocity(result: Result) -> Rows:
+    """Beside Rows 7 and the airspeed of the paper."""
     found = result["probe"]
     rows = [
         [f"V_{axis} rms [m/s]", f"{found['velocity_rms'][i]:.3f}", _thor(result, "velocity_rms", i),
@@ -86,7 +87,7 @@ def _thor(result: Result, key: str, i: int) -> str:
     return ", ".join(f"{half[key][i]:.2f}" for half in (result.get("thor") or {}).get("probe", []))
 
 
-def others(result: Result) -> Table:
+def others(result: Result) -> Rows:
     """Magnetometer and compatibility on simulated flights."""
     rows = []
     for kind in ("magnetometer", "compatibility"):
@@ -99,7 +100,7 @@ def others(result: Result) -> Table:
     return header, rows
 
 
-def other_figures(result: Result) -> Table:
+def other_figures(result: Result) -> Rows:
     """Field strength before and after; output error from zero."""
     rows = []
     magnetic, motion, thor = result["magnetometer"], result["compatibility"], result.get("thor") or {}
@@ -117,7 +118,7 @@ def other_figures(result: Result) -> Table:
     return ["", "before", "after"], rows
 
 
-def thor_probe(result: Result) -> Table:
+def thor_probe(result: Result) -> Rows:
     """The real probe: each half judges the other."""
     halves = (result.get("thor") or {}).get("probe", [])
     header = ["", *(f"calibrated on the {half['calibrated_on']} half" for half in halves)]
@@ -146,14 +147,14 @@ def thor_probe(result: Result) -> Table:
     return header, rows
 
 
-def thor_motion(result: Result) -> Table:
+def thor_motion(result: Result) -> Rows:
     """Compatibility on Thor: residuals and what was found."""
     found = (result.get("thor") or {}).get("compatibility", {"residuals": {}, "parameters": {}})
     rows = [[name, f"{r['before']:.2f}", f"{r['after']:.2f}"] for name, r in found["residuals"].items()]
     return ["output", "rms before, in standard deviations of the aircraft file", "after"], rows
 
 
-def speed(result: Result) -> Table:
+def speed(result: Result) -> Rows:
     """Time of 500 samples on the five-hole problem."""
     times = result["seconds"]
     row = [f"{result['samples']} samples of {result['rows']} velocities, both stages and the covariance", "< 10 s",
@@ -161,7 +162,7 @@ def speed(result: Result) -> Table:
     return [f"on {result['processors']} processors", "asked", "median", f"slowest of {len(times)} flights"], [row]
 
 
-def models(result: Result) -> Table:
+def models(result: Result) -> Rows:
     """The paper's model and the one that is used, where the wind changes or the curve bends."""
     rows = []
     for condition, found in result["conditions"].items():
@@ -184,7 +185,7 @@ def _used(counts: dict[str, int]) -> str:
     return "found: " + ", ".join(f"{words} ({count})" for words, count in counts.items())
 
 
-def thor_models(result: Result) -> Table:
+def thor_models(result: Result) -> Rows:
     """What the real probe supports."""
     rows = []
     for half in result["thor"]:
@@ -195,7 +196,7 @@ def thor_models(result: Result) -> Table:
     return ["half of the flight", "model", "rms in left-out blocks [m/s]", "better by standard errors", "used"], rows
 
 
-def filter_start(result: Result) -> Table:
+def filter_start(result: Result) -> Rows:
     """How soon the filter knows wind and scale."""
     rows = []
     for name, r in result["starts"].items():
@@ -220,7 +221,7 @@ _STARTS = {
 #: Results that a table is made of, where they are not those of benchmarks/calibration.py.
 SOURCES = {"speed": "two_stage_speed", "models": "probe_models", "thor_models": "probe_models",
            "filter_start": "filter_start"}  # fmt: skip
-TABLES: dict[str, Callable[[Result], Table]] = {
+TABLES: dict[str, Callable[[Result], Rows]] = {
     "probe": probe,
     "minima": minima,
     "velocity": velocity,

@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+from results import Rows
+
 Summary = dict[str, Any]
-Table = tuple[list[str], list[list[str]]]
 
 AIRS = {"none": "calm", "light": "light turbulence"}
 
@@ -31,7 +32,7 @@ def cells(summary: Summary, key: str) -> list[tuple[str, str, Any]]:
     return [(air, m, airs[air]) for air in AIRS for m, airs in summary[key].items() if air in airs]
 
 
-def coverage(summary: Summary) -> Table:
+def coverage(summary: Summary) -> Rows:
     """Coverage of 95 % intervals, errors, cost."""
     rows = []
     for air, method, c in cells(summary, "methods"):
@@ -46,7 +47,7 @@ def coverage(summary: Summary) -> Table:
     return header, rows
 
 
-def same_flights(summary: Summary) -> Table:
+def same_flights(summary: Summary) -> Rows:
     """Rms errors on the flights that all methods have."""
     rows = []
     for air, group in summary["same_flights"].items():
@@ -64,7 +65,7 @@ def same_flights(summary: Summary) -> Table:
     return header, rows
 
 
-def corrections(summary: Summary) -> Table:
+def corrections(summary: Summary) -> Rows:
     """What other standard errors of recursive least squares would be worth."""
     titles = {
         "white": "as for white residuals, (4.7)",
@@ -80,7 +81,7 @@ def corrections(summary: Summary) -> Table:
     return header, rows
 
 
-def bias(summary: Summary) -> Table:
+def bias(summary: Summary) -> Rows:
     """Bias of the main derivatives in per cent, with its Monte Carlo standard error; bold beyond three of these."""
     columns = cells(summary, "methods")
     names = list(columns[0][2]["bias"])
@@ -96,7 +97,7 @@ def _bias(found: dict[str, float | None]) -> str:
     return f"**{text}**" if abs(mean) > 3.0 * error else text
 
 
-def close(summary: Summary) -> Table:
+def close(summary: Summary) -> Rows:
     """Median time until a derivative stays within 10 %, in seconds and cycles, and how often within one cycle."""
     columns = cells(summary, "close")
     rows = []
@@ -111,7 +112,7 @@ def close(summary: Summary) -> Table:
     return ["median (cycles)", *(f"{method}, {AIRS[air].split()[-1]}" for air, method, _ in columns)], rows
 
 
-def loss(summary: Summary) -> Table:
+def loss(summary: Summary) -> Rows:
     """Half of the elevator lost: detection, false alarms, recovery."""
     rows = []
     for air, method, c in cells(summary, "loss"):
@@ -162,8 +163,17 @@ def _cell(name: str) -> list[str]:
     return [v if v == "all" else _CELL.get(v, v + units.get(k, "")) for k, v in parts.items()]
 
 
-def by_cell(summary: Summary, of_cells: bool) -> Table:
-    """The default estimator, over the values of each dimension or in every cell."""
+def every_cell(summary: Summary) -> Rows:
+    """The default estimator in every cell."""
+    return _by_cell(summary, of_cells=True)
+
+
+def by_dimension(summary: Summary) -> Rows:
+    """The default estimator over the values of each dimension."""
+    return _by_cell(summary, of_cells=False)
+
+
+def _by_cell(summary: Summary, of_cells: bool) -> Rows:
     rows = []
     for name, c in summary["cells"].items():
         if ("," in name) != of_cells:
@@ -183,7 +193,7 @@ def by_cell(summary: Summary, of_cells: bool) -> Table:
     return header, rows
 
 
-TABLES: dict[str, Callable[[Summary], Table]] = {
+TABLES: dict[str, Callable[[Summary], Rows]] = {
     "coverage": coverage,
     "same_flights": same_flights,
     "corrections": corrections,

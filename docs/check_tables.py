@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any
 
-Table = tuple[list[str], list[list[str]]]
+from results import Rows
 
 
-def injections(result: Mapping[str, Any]) -> Table:
+def injections(result: Mapping[str, Any]) -> Rows:
     """One row for each fault."""
     header = ["fault put in", "kind", "flights", "named", "other warnings and errors"]
     rows = [
@@ -19,7 +19,7 @@ def injections(result: Mapping[str, Any]) -> Table:
     return header, [*rows, ["all", "", *(str(count) for count in total)]]
 
 
-def clean(result: Mapping[str, Any]) -> Table:
+def clean(result: Mapping[str, Any]) -> Rows:
     """Clean flights by simulator."""
     header = ["clean flights", "flights", "with a warning or an error"]
     groups: dict[str, list[bool]] = {}
@@ -29,7 +29,7 @@ def clean(result: Mapping[str, Any]) -> Table:
     return header, [[name, str(len(found)), str(sum(found))] for name, found in groups.items()]
 
 
-def miswired(result: Mapping[str, Any]) -> Table:
+def miswired(result: Mapping[str, Any]) -> Rows:
     """What is said within a minute of flight, and what has USE, with the check in flight and without it."""
     header = ["in the flight", "flights", "named", "flights with USE at 65 s", "without the check between sensors"]
     clean = result["clean"]
@@ -43,4 +43,4 @@ def miswired(result: Mapping[str, Any]) -> Table:
     return header, rows
 
 
-TABLES: dict[str, Callable[[Mapping[str, Any]], Table]] = {"injections": injections, "clean": clean}
+TABLES: dict[str, Callable[[Mapping[str, Any]], Rows]] = {"injections": injections, "clean": clean}

@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+from results import Rows
+
 Result = dict[str, Any]
-Table = tuple[list[str], list[list[str]]]
 
 CONTROLLERS = ("fixed", "live", "truth")
 WORDS = {
@@ -20,7 +21,7 @@ def _degrees(value: float | None) -> str:
     return "" if value is None else f"{value:.2f}°"
 
 
-def tracking(result: Result) -> Table:
+def tracking(result: Result) -> Rows:
     """Tracking error and lost flights."""
     rows = []
     for name, case in result["cases"].items():
@@ -36,7 +37,7 @@ def tracking(result: Result) -> Table:
     return header, rows
 
 
-def late(result: Result) -> Table:
+def late(result: Result) -> Rows:
     """The end of the flights, when what can be learnt has been."""
     rows = []
     for name, case in result["cases"].items():
@@ -50,7 +51,7 @@ def late(result: Result) -> Table:
     return header, rows
 
 
-def published(result: Result) -> Table:
+def published(result: Result) -> Rows:
     """What was published."""
     rows = []
     for name, case in result["cases"].items():
@@ -65,4 +66,4 @@ def published(result: Result) -> Table:
     return header, rows
 
 
-TABLES: dict[str, Callable[[Result], Table]] = {"tracking": tracking, "late": late, "published": published}
+TABLES: dict[str, Callable[[Result], Rows]] = {"tracking": tracking, "late": late, "published": published}

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+from results import RESULTS, Rows, load, table
 from scipy.stats import binomtest
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
@@ -14,7 +15,6 @@ from aircraft_sysid_ros.diagnosis.significance.whiteness import FALSE_ALARM
 from aircraft_sysid_ros.diagnosis.thresholds import listed
 from aircraft_sysid_ros.effects.aliases import ALIASES, aliases_of
 
-Rows = tuple[list[str], list[list[str]]]
 #: Sets of flights, and what stands in the tables for them.
 SETS = {"tuned": "tuned on", "fresh": "fresh, flown once"}
 _PARTS = {
@@ -448,14 +448,6 @@ def speed(measured: dict[str, Any]) -> Rows:
     return [*header, "load of the machine before"], [[*row, f"{measured['load_average']:.1f}"]]
 
 
-TABLES: dict[str, Callable[[dict[str, dict[str, Any]]], Rows]] = {
-    "hidden_effects": hidden,
-    "hidden_effects_other": other,
-    "hidden_effects_by_effect": by_effect,
-    "hidden_effects_methods": methods,
-}
-
-
 def clean_residuals(results: list[dict[str, Any]]) -> Rows:
     """What `compare` says of flights that lack nothing, by axis."""
     flights = [r for r in results if "p_value" in r]
@@ -470,3 +462,29 @@ def clean_residuals(results: list[dict[str, Any]]) -> Rows:
         rows.append(row)
     header = ["axis", "held out ÷ floor, median", "5 to 95 % of the flights"]
     return [*header, *(f'"more than noise", {air}' for air in airs.values())], rows
+
+
+def _of_sets(make: Callable[[dict[str, dict[str, Any]]], Rows]) -> Callable[[], str]:
+    """Writes a table over the sets of flights that have been flown."""
+
+    def made() -> str:
+        files = {key: f"hidden_effects_{key}" for key in SETS}
+        sets = {key: load(name) for key, name in files.items() if (RESULTS / f"{name}.json").exists()}
+        return table(*make(sets)) if sets else "Not flown yet: `make hidden-effects`.\n"
+
+    return made
+
+
+def _of_slow_imus() -> str:
+    """False alarms with a slow IMU, by its rate."""
+    paths = RESULTS.glob("hidden_effects_fresh_imu_*_hz.json")
+    return table(*slow({float(path.stem.split("_")[-2]): load(path.stem) for path in paths}))
+
+
+HIDDEN_EFFECTS: dict[str, Callable[[], str]] = {
+    "hidden_effects": _of_sets(hidden),
+    "hidden_effects_other": _of_sets(other),
+    "hidden_effects_by_effect": _of_sets(by_effect),
+    "hidden_effects_methods": _of_sets(methods),
+    "hidden_effects_slow": _of_slow_imus,
+}

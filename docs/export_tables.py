@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any
 
-Table = tuple[list[str], list[list[str]]]
+from results import Rows
+
 _AXES = {"CX": "C_X", "CY": "C_Y", "CZ": "C_Z", "Cl": "C_l", "Cm": "C_m", "Cn": "C_n"}
 
 
@@ -13,7 +14,7 @@ def _percent(share: float) -> str:
     return f"{100.0 * share:.1f} %"
 
 
-def states(result: Mapping[str, Any]) -> Table:
+def states(result: Mapping[str, Any]) -> Rows:
     """Coefficients at the true states of another flight."""
     rows = []
     for name, found in result["aeroplanes"].items():
@@ -22,7 +23,7 @@ def states(result: Mapping[str, Any]) -> Table:
     return ["aeroplane", "error on the held-out flight", *_AXES.values()], rows
 
 
-def pieces(result: Mapping[str, Any]) -> Table:
+def pieces(result: Mapping[str, Any]) -> Rows:
     """Free flight."""
     rows = []
     for name, found in result["aeroplanes"].items():
@@ -33,7 +34,7 @@ def pieces(result: Mapping[str, Any]) -> Table:
     return ["aeroplane", "2 s of free flight, by", *names], rows
 
 
-def lost(result: Mapping[str, Any]) -> Table:
+def lost(result: Mapping[str, Any]) -> Rows:
     """What other targets miss of each coefficient."""
     rows = [
         [name, target, *(_percent(share[axis]) for axis in _AXES)]
@@ -43,7 +44,7 @@ def lost(result: Mapping[str, Any]) -> Table:
     return ["aeroplane", "lost by", *_AXES.values()], rows
 
 
-def gains(result: Mapping[str, Any]) -> Table:
+def gains(result: Mapping[str, Any]) -> Rows:
     """Loops closed on aeroplanes from the covariance."""
     rows = []
     for name, found in result["aeroplanes"].items():
@@ -57,7 +58,7 @@ def gains(result: Mapping[str, Any]) -> Table:
     return ["aeroplane", "loop", "FF [s]", "P [s]", "I [-]", "gain margin", "phase margin", "stable"], rows
 
 
-def poor(result: Mapping[str, Any]) -> Table:
+def poor(result: Mapping[str, Any]) -> Rows:
     """Short, noisy and gusty flights."""
     loops = result["poor_flights"]
     given = [loop for loop in loops if "refused" not in loop]
@@ -76,7 +77,7 @@ def poor(result: Mapping[str, Any]) -> Table:
     return ["flights of 25 and 45 s, noise ×1, ×1.5, ×2.5, calm and moderate turbulence", "loops"], rows
 
 
-TABLES: dict[str, Callable[[Mapping[str, Any]], Table]] = {
+TABLES: dict[str, Callable[[Mapping[str, Any]], Rows]] = {
     "states": states,
     "pieces": pieces,
     "lost": lost,

@@ -5,17 +5,17 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any
 
-Table = tuple[list[str], list[list[str]]]
+from results import Rows
 
 
-def healthy(result: Mapping[str, Any]) -> Table:
+def healthy(result: Mapping[str, Any]) -> Rows:
     """False alarms."""
     header = ["flights of each airframe", "healthy fleets", "parameters in all", "changes named", "fleets with one"]
     keys = ("flights", "fleets", "series", "named", "fleets_with_alarm")
     return header, [[str(row[key]) for key in keys] for row in result["healthy"]]
 
 
-def changed(result: Mapping[str, Any]) -> Table:
+def changed(result: Mapping[str, Any]) -> Rows:
     """Drifts and jumps that were there."""
     header = ["flights", "size", "false of all named"]
     header += ["drifts named", "as drift", "rate inside 95 %", "jumps named", "as jump", "size inside 95 %"]
@@ -39,7 +39,7 @@ def _share(count: int, of: int) -> str:
     return f"{100.0 * count / of:.0f} %" if of else "–"
 
 
-def whole(result: Mapping[str, Any]) -> Table:
+def whole(result: Mapping[str, Any]) -> Rows:
     """What was hidden in the whole simulated fleet, what was named, and what was named that is none."""
     true = {(row["airframe"], row["parameter"]) for row in result["truth"]}
     heavy, others = [], []
@@ -64,7 +64,7 @@ def whole(result: Mapping[str, Any]) -> Table:
     return header, rows
 
 
-def small(result: Mapping[str, Any]) -> Table:
+def small(result: Mapping[str, Any]) -> Rows:
     """The same of the small one, and what a flight costs with its diagnosis."""
     header, rows = _truths(result)
     each = result["cpu_per_flight"]
@@ -76,7 +76,7 @@ def small(result: Mapping[str, Any]) -> Table:
     return header, rows
 
 
-def _truths(result: Mapping[str, Any]) -> Table:
+def _truths(result: Mapping[str, Any]) -> Rows:
     """What was hidden in a simulated fleet, and what was named."""
     rows = []
     for row in result["truth"]:
@@ -95,7 +95,7 @@ def _truths(result: Mapping[str, Any]) -> Table:
     return ["airframe", "parameter", "truth", "named, with 95 % interval"], rows
 
 
-def killed(result: Mapping[str, Any]) -> Table:
+def killed(result: Mapping[str, Any]) -> Rows:
     """A fleet whose workers are killed, and the same undisturbed."""
     rows = []
     for name, words in (("undisturbed", "one worker"), ("killed", f"two, one killed every {result['every']:g} s")):
@@ -108,7 +108,7 @@ def killed(result: Mapping[str, Any]) -> Table:
     ]
 
 
-def costs(result: Mapping[str, Any]) -> Table:
+def costs(result: Mapping[str, Any]) -> Rows:
     """What a fleet costs, in processor time: the machine is shared."""
     one, two, count, plain = result["workers_1"], result["workers_2"], result["flights"], result["plain_cpu"]
     ahead, scaling = one["flights_cpu"] / plain - 1.0, 2.0 * one["flights_cpu"] / two["flights_cpu"]
@@ -131,7 +131,7 @@ def costs(result: Mapping[str, Any]) -> Table:
 _SHOWN = ("CZ_q", "CZ_de", "Cl_dr", "Cn_dr", "CY_da", "CX_0")
 
 
-def prior(result: Mapping[str, Any]) -> Table:
+def prior(result: Mapping[str, Any]) -> Rows:
     """Time until parameters are known, with the prior of a fleet and without."""
     rows, names = [], result["names"]
     for words, changed in (("the same aeroplane", False), ("one derivative changed before", True)):
@@ -185,7 +185,7 @@ def _mean(result: Mapping[str, Any], times: Any) -> float:
     return float(sum(listed) / len(listed))
 
 
-def health(result: Mapping[str, Any]) -> Table:
+def health(result: Mapping[str, Any]) -> Rows:
     """Faults in flight that were said, when, and how large; and what was said of nothing."""
     rows = []
     for case, (kind, size) in result["truth"].items():
@@ -219,7 +219,7 @@ def _said_of(flight: Mapping[str, Any], kind: str) -> Mapping[str, Any] | None:
     return {**said[-1], "time": said[0]["time"]} if said else None
 
 
-def million(small: Mapping[str, Any], costs: Mapping[str, Any], constants: Mapping[str, Any]) -> Table:
+def million(small: Mapping[str, Any], costs: Mapping[str, Any], constants: Mapping[str, Any]) -> Rows:
     """What a flight costs, and a million of them."""
     each = constants["each"]
     times = {

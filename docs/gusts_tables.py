@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
+from results import Rows
+
 Result = dict[str, Any]
-Table = tuple[list[str], list[list[str]]]
 
 AIR = {"none": "calm", "light": "light", "moderate": "moderate"}
 #: Parameters that angles which are late bend first.
@@ -17,7 +18,7 @@ def share(value: float | None) -> str:
     return "-" if value is None else f"{100 * value:.0f} %"
 
 
-def causes(result: Result) -> Table:
+def causes(result: Result) -> Rows:
     """Coverage and bias by what stands in the regression."""
     rows = [
         [case, share(part["inside"]), share(part["constants"]), f"{part['rms_z']:.2f}"]
@@ -28,7 +29,7 @@ def causes(result: Result) -> Table:
     return [*header, *(f"bias of {name}" for name in BENT)], rows
 
 
-def proof(result: Result) -> Table:
+def proof(result: Result) -> Rows:
     """Coverage by axis, bias and wrong values with USE in every cell."""
     rows = []
     for cell in result["cells"]:

@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+from results import Rows
+
 Result = dict[str, Any]
-Table = tuple[list[str], list[list[str]]]
 
 
-def identification(result: Result) -> Table:
+def identification(result: Result) -> Rows:
     """Differences of the parameters, in standard errors."""
     rows = [
         [name, str(d["pairs"]), f"{d['rms']:.2f}", f"{d['largest']:.2f}", f"{100 * d['within_1']:.0f} %"]
@@ -19,7 +20,7 @@ def identification(result: Result) -> Table:
     return header, rows
 
 
-def faults(result: Result) -> Table:
+def faults(result: Result) -> Rows:
     """What the bridge did."""
     garbage, restart = result["garbage"], result["restart"]
     rows = [
@@ -33,7 +34,7 @@ def faults(result: Result) -> Table:
     return ["fault", "the bridge"], rows
 
 
-def vaneless(result: Result) -> Table:
+def vaneless(result: Result) -> Rows:
     """Parameters without vanes: how often usable, how much weaker."""
     part, flights = result["vaneless"], result["flights"]
     rows = [
@@ -46,7 +47,7 @@ def vaneless(result: Result) -> Table:
     return ["parameter", "USE", "standard error, over that with vanes", "reason in the last flight"], rows
 
 
-TABLES: dict[str, Callable[[Result], Table]] = {
+TABLES: dict[str, Callable[[Result], Rows]] = {
     "identification": identification,
     "faults": faults,
     "vaneless": vaneless,

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any
 
+from results import Rows
+
 from aircraft_sysid_ros.aircraft.configuration import KEYS
 from aircraft_sysid_ros.nodes import (
     estimator_node,
@@ -15,8 +17,6 @@ from aircraft_sysid_ros.nodes import (
     state_estimator,
 )
 from aircraft_sysid_ros.nodes.options import NodeOption, When
-
-Table = tuple[list[str], list[list[str]]]
 
 WORDS = {
     When.AT_ONCE: "at once",
@@ -42,7 +42,7 @@ def allowed(option: NodeOption) -> str:
     return "" if option.low is None else f"{option.low:g} to {option.high:g}"
 
 
-def parameters(options: Mapping[str, NodeOption]) -> Table:
+def parameters(options: Mapping[str, NodeOption]) -> Rows:
     """One row for each parameter."""
     header = ["parameter", "default", "allowed", "takes effect", "meaning"]
     rows = [
@@ -58,14 +58,14 @@ def parameters(options: Mapping[str, NodeOption]) -> Table:
     return header, rows
 
 
-def aircraft_keys() -> Table:
+def aircraft_keys() -> Rows:
     """The keys of the aircraft file."""
     between = {name: "{:.4g} to {:.4g}".format(*key.limits) if key.limits else "" for name, key in KEYS.items()}
     rows = [[f"`{name}`", key.meaning, key.unit, key.default, between[name]] for name, key in KEYS.items()]
     return ["key", "meaning", "unit", "default", "between"], rows
 
 
-TABLES: dict[str, Callable[[], Table]] = {
+TABLES: dict[str, Callable[[], Rows]] = {
     "common": lambda: parameters(estimator_node.COMMON),
     "state": lambda: parameters(state_estimator.OPTIONS),
     "parameters": lambda: parameters(parameter_estimator.OPTIONS),

@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+from results import Rows
+
 Result = dict[str, Any]
-Table = tuple[list[str], list[list[str]]]
 
 TITLES = {"example_1": "1", "example_2": "2"}
 METHODS = {"truth": "optimiser started at the truth"}
@@ -16,7 +17,7 @@ def percent(share: float | None) -> str:
     return "" if share is None else f"{100 * share:.1f} %"
 
 
-def correct(result: Result) -> Table:
+def correct(result: Result) -> Rows:
     """Tables 1 and 3."""
     rows = []
     for key, title in TITLES.items():
@@ -33,7 +34,7 @@ def correct(result: Result) -> Table:
     return header, rows
 
 
-def estimates(result: Result) -> Table:
+def estimates(result: Result) -> Rows:
     """Tables 2 and 4; the spread of the runs with new noise is scaled from their noise to that of the record."""
     rows = []
     for key, title in TITLES.items():
@@ -52,7 +53,7 @@ def estimates(result: Result) -> Table:
     return header, rows
 
 
-def bound(result: Result) -> Table:
+def bound(result: Result) -> Rows:
     """The cost of stage 1 and its bound."""
     rows = []
     for key, title in TITLES.items():
@@ -64,4 +65,4 @@ def bound(result: Result) -> Table:
     return header, rows
 
 
-TABLES: dict[str, Callable[[Result], Table]] = {"correct": correct, "estimates": estimates, "bound": bound}
+TABLES: dict[str, Callable[[Result], Rows]] = {"correct": correct, "estimates": estimates, "bound": bound}

@@ -6,11 +6,10 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from results import Rows
 
-Table = tuple[list[str], list[list[str]]]
 
-
-def truth(flights: Sequence[Mapping[str, Any]]) -> Table:
+def truth(flights: Sequence[Mapping[str, Any]]) -> Rows:
     """Errors of each number, and how often its standard error holds the truth."""
     flown = [flight for flight in flights if "failed" not in flight]
     header = ["of", "flights", "relative error, median", "worst", "with USE", "worst with USE", "inside of 95 %"]
@@ -33,7 +32,7 @@ def _row(words: str, found: Sequence[tuple[float, float, float, str]]) -> list[s
             f"{inside} of {len(found)}"]  # fmt: skip
 
 
-def seaway(parts: Mapping[str, Mapping[str, Any]]) -> Table:
+def seaway(parts: Mapping[str, Mapping[str, Any]]) -> Rows:
     """The real flight, whole and in halves."""
     header = ["Solar Surfer", "flight", "explained", "efficiency", "C_D0", "k", "power of level flight at 10 m/s"]
     words = {"whole": "whole", "first": "first half", "second": "second half"}

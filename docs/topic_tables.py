@@ -4,27 +4,36 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 
+from results import Rows
+
 from aircraft_sysid_ros.ros_messages.topics import DIAGNOSTICS, INPUTS, OUTPUTS, SERVICES, TRANSFORMS, Topic
 
 
-def _table(header: tuple[str, ...], topics: Iterable[Topic], *, durability: bool = False) -> str:
-    lines = [f"| {' | '.join(header)} |", "|" + "---|" * len(header)]
-    for topic in topics:
-        cells = [f"`{topic.name}`", topic.type.replace("/msg/", "/").replace("/srv/", "/")]
-        if durability:
-            cells.append("transient local" if topic.is_latched else "volatile")
-        lines.append(f"| {' | '.join([*cells, topic.content])} |")
-    return "\n".join(lines) + "\n"
+def _cells(topic: Topic) -> list[str]:
+    return [f"`{topic.name}`", topic.type.replace("/msg/", "/").replace("/srv/", "/"), topic.content]
 
 
-def outputs() -> str:
+def inputs() -> Rows:
+    """What the nodes listen to."""
+    return ["topic", "type", "content"], [_cells(topic) for topic in INPUTS]
+
+
+def outputs() -> Rows:
     """What the nodes publish."""
-    listed = [topic for topics in OUTPUTS.values() for topic in topics]
-    return _table(("topic", "type", "durability", "content"), [*listed, DIAGNOSTICS, TRANSFORMS], durability=True)
+    rows = []
+    for topic in [*_of_all(OUTPUTS.values()), DIAGNOSTICS, TRANSFORMS]:
+        name, kind, content = _cells(topic)
+        rows.append([name, kind, "transient local" if topic.is_latched else "volatile", content])
+    return ["topic", "type", "durability", "content"], rows
 
 
-TABLES: dict[str, Callable[[], str]] = {
-    "inputs": lambda: _table(("topic", "type", "content"), INPUTS),
-    "outputs": outputs,
-    "services": lambda: _table(("service", "type", "does"), [s for listed in SERVICES.values() for s in listed]),
-}
+def services() -> Rows:
+    """What the nodes can be asked for."""
+    return ["service", "type", "does"], [_cells(service) for service in _of_all(SERVICES.values())]
+
+
+def _of_all(listed: Iterable[Iterable[Topic]]) -> list[Topic]:
+    return [topic for topics in listed for topic in topics]
+
+
+TABLES: dict[str, Callable[[], Rows]] = {"inputs": inputs, "outputs": outputs, "services": services}

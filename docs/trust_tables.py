@@ -6,10 +6,11 @@ import itertools
 from collections.abc import Callable
 from typing import Any
 
+from results import Rows
+
 from aircraft_sysid_ros.identification.monitoring import error_watch, hold_end, isolation, known_before
 
 Result = dict[str, Any]
-Table = tuple[list[str], list[list[str]]]
 
 WORDS = {
     "airspeed_blocked": "airspeed stands still",
@@ -38,7 +39,7 @@ def delay(part: Result, key: str) -> str:
     return f"{part[f'{key}_median']:.1f} / {part[f'{key}_worst']:.1f} s{count}"
 
 
-def failures(result: Result) -> Table:
+def failures(result: Result) -> Rows:
     """When what failed was held and used again, and how wrong what was used has been."""
     rows = [
         [WORDS[name], AIR[air], delay(part, "held"), delay(part, "back"), f"{100 * part['worst']:.0f} %",
@@ -52,7 +53,7 @@ def failures(result: Result) -> Table:
     return header, rows
 
 
-def clean(result: Result) -> Table:
+def clean(result: Result) -> Rows:
     """What the integrity monitor costs where nothing fails."""
     rows = [
         [label, str(part["flights"]), f"{100 * part['use_plain']:.1f} %", f"{100 * part['use']:.1f} %",
@@ -64,7 +65,7 @@ def clean(result: Result) -> Table:
     return header, rows
 
 
-TABLES: dict[str, Callable[[Result], Table]] = {"failures": failures, "clean": clean}
+TABLES: dict[str, Callable[[Result], Rows]] = {"failures": failures, "clean": clean}
 
 
 def faults(found: dict[str, Any]) -> tuple[list[str], list[list[str]]]:
@@ -92,7 +93,7 @@ def _of_faults(name: str, each: dict[str, Any]) -> list[str]:
     return [name, str(each["flights"]), str(each["moved"]), str(each["held"]), until, *counts]
 
 
-def stalls_in_flight(found: dict[str, Any]) -> Table:
+def stalls_in_flight(found: dict[str, Any]) -> Rows:
     """Flights through stalls, sound ones and of one that bends: without looking for two models, with, and as it is."""
     kinds = {
         "through stalls": [each for each in found["stalls"] if each["kind"] == "stall"],
@@ -119,7 +120,7 @@ def stalls_in_flight(found: dict[str, Any]) -> Table:
     return header, rows
 
 
-def airspeed_faults(found: list[dict[str, Any]]) -> Table:
+def airspeed_faults(found: list[dict[str, Any]]) -> Rows:
     """Airspeeds that are wrong in flights without vanes: with GPS and wind asked, and without."""
     rows = []
     airs = {"none": "calm air", "light": "light turbulence", "moderate": "moderate turbulence"}
@@ -143,7 +144,7 @@ def airspeed_faults(found: list[dict[str, Any]]) -> Table:
     return header, rows
 
 
-def lost_samples(before: list[dict[str, Any]], now: list[dict[str, Any]]) -> Table:
+def lost_samples(before: list[dict[str, Any]], now: list[dict[str, Any]]) -> Rows:
     """Values in USE of flights most of whose samples were lost for seconds, and how many were off."""
     rows = []
     for name, flights in (("before", before), ("now", now)):
@@ -155,7 +156,7 @@ def lost_samples(before: list[dict[str, Any]], now: list[dict[str, Any]]) -> Tab
     return header, rows
 
 
-def small_airspeed_error(found: list[dict[str, Any]]) -> Table:
+def small_airspeed_error(found: list[dict[str, Any]]) -> Rows:
     """Airspeeds that are off by a few per cent: said in flight, told after it, and how well they are known."""
     rows = []
     for one in found:
@@ -170,7 +171,7 @@ def small_airspeed_error(found: list[dict[str, Any]]) -> Table:
     return header, rows
 
 
-def use_audit(found: dict[str, Any]) -> Table:
+def use_audit(found: dict[str, Any]) -> Rows:
     """Values in USE against the truth, by what was drawn; without what is in doubt of the sensors, and as it is."""
     rows = []
     for name, counts in found.items():
@@ -190,7 +191,7 @@ def use_audit(found: dict[str, Any]) -> Table:
     return header, rows
 
 
-def isolation_limits() -> Table:
+def isolation_limits() -> Rows:
     """What tells sensor and aeroplane apart: each limit, and why. The code is where it stands."""
     rows = [
         ["a value contradicts what was known beyond this share of it", known_before.SHARE,
