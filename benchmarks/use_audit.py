@@ -45,7 +45,7 @@ from aircraft_sysid_ros.config_files import config_path
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.identification.monitoring.doubts import Doubts
 from aircraft_sysid_ros.identification.trust import Trust
-from aircraft_sysid_ros.identification.undescribed_sensors import UndescribedSensors
+from aircraft_sysid_ros.identification.undescribed.sensors import UndescribedSensors
 from aircraft_sysid_ros.pipeline import Pipeline
 from aircraft_sysid_ros.recordings.reader import read_recording
 from aircraft_sysid_ros.samples import Kind, Samples

@@ -5,7 +5,7 @@ An angle a that is measured tau late is a(t - tau), so that C(a) is
     C(a measured) + tau a' dC/da
 
 in all axes that read it, with one tau: a vane, its tubes and its logging, and the place of a probe of which nobody has
-said it, do that in every flight (``identification.undescribed_sensors``). A memory of the flow acts in some axes, and
+said it, do that in every flight (``identification.undescribed``). A memory of the flow acts in some axes, and
 as its physics has it. What is left of a coefficient is therefore no memory where the same tau, as vanes are late,
 explains so much that nothing of size is left of it, and no axis of the angle speaks against it.
 """
@@ -22,7 +22,7 @@ from aircraft_sysid_ros.diagnosis.search.evaluator import CandidateEvaluator, Sc
 from aircraft_sysid_ros.diagnosis.search.fit import AxisFit
 from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS
 from aircraft_sysid_ros.errors import InputError
-from aircraft_sysid_ros.identification.undescribed_sensors import LAG
+from aircraft_sysid_ros.identification.undescribed.vanes import LAG
 
 Array = npt.NDArray[np.float64]
 

@@ -16,7 +16,8 @@ from aircraft_sysid_ros.identification.estimators.contract import AxisEstimate
 from aircraft_sysid_ros.identification.estimators.recursive_least_squares import RlsState, known_theta
 from aircraft_sysid_ros.identification.parameter_set import ParameterEstimate, ParameterSet, axis_estimates
 from aircraft_sysid_ros.identification.prior import AxisPrior
-from aircraft_sysid_ros.identification.undescribed_sensors import ANGLES, OfSensors, SensorDoubt
+from aircraft_sysid_ros.identification.undescribed.doubt import OfSensors, SensorDoubt
+from aircraft_sysid_ros.identification.undescribed.vanes import ANGLES
 
 Array = npt.NDArray[np.float64]
 

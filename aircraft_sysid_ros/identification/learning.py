@@ -48,7 +48,7 @@ from aircraft_sysid_ros.identification.parameter_set import (
 from aircraft_sysid_ros.identification.predictions import KnownHistory
 from aircraft_sysid_ros.identification.prior import AxisPrior, FleetKnowledge
 from aircraft_sysid_ros.identification.trust import Trust, TrustRules
-from aircraft_sysid_ros.identification.undescribed_sensors import UndescribedSensors
+from aircraft_sysid_ros.identification.undescribed.sensors import UndescribedSensors
 from aircraft_sysid_ros.reconstruction.options import LONGEST_WAIT
 from aircraft_sysid_ros.reconstruction.state import OF_THE_IMU, StateField
 from aircraft_sysid_ros.samples import Samples

@@ -14,7 +14,7 @@ from aircraft_sysid_ros.identification.estimators.contract import AxisEstimate
 from aircraft_sysid_ros.identification.estimators.recursive_least_squares import RlsState, least_squares
 from aircraft_sysid_ros.identification.prior import AxisPrior, helped
 from aircraft_sysid_ros.identification.trust import Evidence, Trust, TrustRules, disagree, judge
-from aircraft_sysid_ros.identification.undescribed_sensors import OfSensors
+from aircraft_sysid_ros.identification.undescribed.doubt import OfSensors
 from aircraft_sysid_ros.kernels import njit
 
 Array = npt.NDArray[np.float64]

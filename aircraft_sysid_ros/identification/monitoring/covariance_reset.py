@@ -44,8 +44,8 @@ from aircraft_sysid_ros.identification.estimators.reset_prior import (
 )
 from aircraft_sysid_ros.identification.history import SampleHistory
 from aircraft_sysid_ros.identification.monitoring.residuals import RATIO, ResidualMonitor
-from aircraft_sysid_ros.identification.moved_surfaces import COUNT, FIRST, derivatives_of
 from aircraft_sysid_ros.identification.trust import TrustRules
+from aircraft_sysid_ros.identification.undescribed.moved_surfaces import COUNT, FIRST, derivatives_of
 from aircraft_sysid_ros.reconstruction.state import StateField
 
 Array = npt.NDArray[np.float64]

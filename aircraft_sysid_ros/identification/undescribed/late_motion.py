@@ -8,7 +8,7 @@ terms with those, each moment coefficient is
 
 Least squares of this would take the noise and the gusts in X for something that tau explains: X goes together with
 them. What follows the recorded surfaces does not, so that theta and tau are those for which the rest does not go
-together with the surfaces, their rates and their lags (two-stage least squares, as in ``undescribed_sensors``), for the
+together with the surfaces, their rates and their lags (two-stage least squares, as in ``vanes``), for the
 three moments together. Whether that is so is asked where there are more of these than unknowns (Sargan, The estimation
 of economic relationships using instrumental variables, Econometrica 26, 1958), and whether the three moments agree with
 each other and with what delays are; where not, tau is known the less. What is left says how probable each tau is, of a
@@ -30,7 +30,7 @@ from aircraft_sysid_ros.identification.coefficients.layout import (
     TERMS_OF_SAMPLE,
 )
 from aircraft_sysid_ros.identification.coefficients.pace import LOWEST_RATE
-from aircraft_sysid_ros.identification.moved_surfaces import (
+from aircraft_sysid_ros.identification.undescribed.moved_surfaces import (
     COUNT,
     COURSES,
     DELAY,

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from aircraft_sysid_ros.identification.coefficients.layout import SIGNALS_OF_SAMPLE, CoefficientSample
-from aircraft_sysid_ros.identification.moved_surfaces import COUNT, COURSES, FIRST, MovedSurfaces
+from aircraft_sysid_ros.identification.undescribed.moved_surfaces import COUNT, COURSES, FIRST, MovedSurfaces
 
 STEP = 0.04  # [s]
 

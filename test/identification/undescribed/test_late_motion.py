@@ -8,8 +8,9 @@ from aircraft_sysid_ros.after_flight.delay_notes import delay_notes
 from aircraft_sysid_ros.aircraft.configuration import Aircraft, aircraft_from_dict
 from aircraft_sysid_ros.identification.coefficients.layout import SIGNALS_OF_SAMPLE
 from aircraft_sysid_ros.identification.identifier import Identifier
-from aircraft_sysid_ros.identification.late_motion import USUAL, LateMotion
-from aircraft_sysid_ros.identification.moved_surfaces import (
+from aircraft_sysid_ros.identification.trust import Trust
+from aircraft_sysid_ros.identification.undescribed.late_motion import USUAL, LateMotion
+from aircraft_sysid_ros.identification.undescribed.moved_surfaces import (
     COUNT,
     DELAY,
     FIRST,
@@ -18,7 +19,6 @@ from aircraft_sysid_ros.identification.moved_surfaces import (
     derivatives_of,
     look_ahead,
 )
-from aircraft_sysid_ros.identification.trust import Trust
 from aircraft_sysid_ros.pipeline import Pipeline
 from aircraft_sysid_ros.reconstruction.found_noise import completed_file
 from aircraft_sysid_ros.samples import Kind, Samples

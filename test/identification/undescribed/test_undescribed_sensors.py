@@ -9,7 +9,8 @@ from aircraft_sysid_ros.aircraft.signals import SIGNAL_INDEX
 from aircraft_sysid_ros.identification.coefficients.layout import SIGNALS_OF_SAMPLE, TERMS_OF_SAMPLE, TIME
 from aircraft_sysid_ros.identification.parameter_set import ParameterSet
 from aircraft_sysid_ros.identification.trust import Trust
-from aircraft_sysid_ros.identification.undescribed_sensors import LAG, SCALE, UNSEEN, UndescribedSensors, _estimate
+from aircraft_sysid_ros.identification.undescribed.sensors import UNSEEN, UndescribedSensors
+from aircraft_sysid_ros.identification.undescribed.vanes import LAG, SCALE, estimate
 from aircraft_sysid_ros.pipeline import Pipeline
 from aircraft_sysid_ros.samples import Kind, Samples
 from aircraft_sysid_ros.sensors.sensor_models import first_order_lag
@@ -110,7 +111,7 @@ def test_gusts_that_the_aeroplane_answers_bias_no_scale() -> None:
     later = first_order_lag(np.arange(n) * step, surface[:, None], 0.3)[:, 0]
     much_later = first_order_lag(np.arange(n) * step, surface[:, None], 1.0)[:, 0]
     series = np.stack([shown, motion, rate, surface, later, much_later], axis=1)
-    mean, covariance = _estimate(series.T @ series, float(n), np.array([3, 4, 5]))
+    mean, covariance = estimate(series.T @ series, float(n), np.array([3, 4, 5]))
     assert mean == pytest.approx([scale - 1.0, scale * lag], abs=3.0 * np.sqrt(np.diag(covariance)).max())
     assert np.sqrt(covariance[0, 0]) < 0.7 * SCALE and np.sqrt(covariance[1, 1]) < 0.7 * LAG
     plain = np.linalg.lstsq(series[:, 1:3], shown, rcond=None)[0]
@@ -118,7 +119,7 @@ def test_gusts_that_the_aeroplane_answers_bias_no_scale() -> None:
 
 
 def test_without_motion_a_vane_is_as_vanes_are_built() -> None:
-    mean, covariance = _estimate(np.zeros((12, 12)), 0.0, np.array([3, 4, 5]))
+    mean, covariance = estimate(np.zeros((12, 12)), 0.0, np.array([3, 4, 5]))
     assert np.array_equal(mean, np.zeros(2))
     assert np.sqrt(np.diag(covariance)) == pytest.approx([SCALE, LAG])
 

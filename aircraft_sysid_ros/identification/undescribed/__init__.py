@@ -1,0 +1,1 @@
+"""What no aircraft file says of the sensors, and a flight may show."""
