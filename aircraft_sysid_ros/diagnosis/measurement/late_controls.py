@@ -9,6 +9,7 @@ Surfaces that follow with the lag of a servo are rivals of those that follow as 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 
@@ -31,7 +32,7 @@ from aircraft_sysid_ros.diagnosis.measurement.maximum import maximum
 from aircraft_sysid_ros.diagnosis.measurement.setting import Errors, Job, Setting, nominal, stretch_of
 from aircraft_sysid_ros.diagnosis.search.fit import fit_axis
 from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS
-from aircraft_sysid_ros.effects.effect import with_setting
+from aircraft_sysid_ros.effects.effect import ShapeParameter, with_setting
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.identification.coefficients.stream import coefficient_samples
 
@@ -65,29 +66,10 @@ def try_controls(job: Job) -> Setting:
         return 0.0 if (value, delay) == (start, as_late) else control_gain(controls, control_errors(flight, changed))
 
     if variant.setting[-1] == "lag" and as_late < 0.0:
-        delays = dict[float, float]()
-
-        @cache
-        def taking_over(value: float) -> float:
-            usual = float(np.clip(as_late + _DELAY_OF_LAG * (value - start), as_late, 0.0))
-            low, high = max(usual - _NEAR, effect.inner[0].low), min(usual + _NEAR, 0.0)
-            delays[value], gained, _ = maximum(lambda delay: gain(value, delay), usual, low, high, 0.2 * needed)
-            return gained
-
-        value, best, curvature = maximum(taking_over, start, inner.low, inner.high, 0.5 * needed)
-        best -= max(taking_over(start), 0.0)  # a better delay is no lag
-        beside = ((_CONTROL_DELAY, float(f"{delays[value]:.4g}")),)
+        value, best, curvature, delay = _lag_for_delay(gain, start, as_late, effect.inner[0].low, inner)
+        beside = ((_CONTROL_DELAY, float(f"{delay:.4g}")),)
     else:
-        value, best, curvature = maximum(gain, start, inner.low, inner.high, 0.5 * needed)
-        far = np.arange(inner.low, inner.high + 0.5 * _FAR, _FAR)  # what is longer than a doublet is past a valley
-        tried = {place: gain(place) for place in far[np.abs(far - start) > _FAR].tolist()}
-        again = max(tried, key=lambda place: tried[place], default=start)
-        if tried.get(again, 0.0) > max(best, 0.0) + 0.5 * needed:
-            value, best, curvature = maximum(gain, again, inner.low, inner.high, 0.5 * needed)
-        if best > needed:
-            low, high = max(value - _CLOSE, inner.low), min(value + _CLOSE, inner.high)
-            value, best, closer = maximum(gain, value, low, high, 0.5 * needed)
-            curvature = closer or curvature
+        value, best, curvature = _over_the_range(gain, start, inner)
     std = float(1.0 / np.sqrt(curvature)) if curvature > 0.0 else np.nan
     if best > needed:  # as much the other way
         moved = value - start if variant.setting[-1] == "lag" else start - value
@@ -95,6 +77,45 @@ def try_controls(job: Job) -> Setting:
         late = with_setting(_with_delay(aircraft, dict(beside).get(_CONTROL_DELAY, as_late)), variant.setting, value)
         best = min(best, control_gain(controls, _explained(control_errors(flight, late))))
     return Setting(effect, variant, start, float(f"{value:.4g}"), best, best / needed, std, beside=beside)
+
+
+def _over_the_range(gain: Callable[[float], float], start: float, inner: ShapeParameter) -> tuple[float, float, float]:
+    """The best value near the present one, or that of another place of the range where it is clearly better, refined.
+
+    What is longer than a doublet lies past a valley of what a delay gains, where no search from zero comes.
+    """
+    needed = THRESHOLDS.control_gain
+    value, best, curvature = maximum(gain, start, inner.low, inner.high, 0.5 * needed)
+    far = np.arange(inner.low, inner.high + 0.5 * _FAR, _FAR)
+    tried = {place: gain(place) for place in far[np.abs(far - start) > _FAR].tolist()}
+    again = max(tried, key=lambda place: tried[place], default=start)
+    if tried.get(again, 0.0) > max(best, 0.0) + 0.5 * needed:
+        value, best, curvature = maximum(gain, again, inner.low, inner.high, 0.5 * needed)
+    if best <= needed:
+        return value, best, curvature
+    low, high = max(value - _CLOSE, inner.low), min(value + _CLOSE, inner.high)
+    value, best, closer = maximum(gain, value, low, high, 0.5 * needed)
+    return value, best, closer or curvature
+
+
+def _lag_for_delay(
+    gain: Callable[[float, float], float], start: float, as_late: float, lowest: float, inner: ShapeParameter
+) -> tuple[float, float, float, float]:
+    """The best lag in place of a delay that the aircraft file has, and the delay, not below `lowest`, left beside it.
+
+    What it gains counts over the best delay alone: a better delay is not a lag.
+    """
+    needed, delays = THRESHOLDS.control_gain, dict[float, float]()
+
+    @cache
+    def taking_over(value: float) -> float:
+        usual = float(np.clip(as_late + _DELAY_OF_LAG * (value - start), as_late, 0.0))
+        low, high = max(usual - _NEAR, lowest), min(usual + _NEAR, 0.0)
+        delays[value], gained, _ = maximum(lambda delay: gain(value, delay), usual, low, high, 0.2 * needed)
+        return gained
+
+    value, best, curvature = maximum(taking_over, start, inner.low, inner.high, 0.5 * needed)
+    return value, best - max(taking_over(start), 0.0), curvature, delays[value]
 
 
 def _with_delay(aircraft: Aircraft, delay: float) -> Aircraft:
