@@ -13,14 +13,8 @@ import numpy.typing as npt
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
 from aircraft_sysid_ros.identification.coefficients.layout import CoefficientBatch, CoefficientSample
-from aircraft_sysid_ros.identification.coefficients.pace import (
-    LOWEST_RATE,
-    SPARSEST_CONTROLS,
-    Pace,
-    stamped_behind,
-    too_slow,
-)
-from aircraft_sysid_ros.identification.conditions import CONTROL_SIGNALS, LearntConditions, listed, needs
+from aircraft_sysid_ros.identification.coefficients.pace import Pace
+from aircraft_sysid_ros.identification.conditions import LearntConditions
 from aircraft_sysid_ros.identification.description import Description
 from aircraft_sysid_ros.identification.doubtful_constants import DoubtfulConstants
 from aircraft_sysid_ros.identification.estimators.by_name import make_estimator
@@ -34,6 +28,7 @@ from aircraft_sysid_ros.identification.estimators.recursive_least_squares import
 from aircraft_sysid_ros.identification.health import HealthWatch
 from aircraft_sysid_ros.identification.history import Carry, ParameterCheckpoint, SampleHistory
 from aircraft_sysid_ros.identification.landing import Known, Landing
+from aircraft_sysid_ros.identification.missing import Missing
 from aircraft_sysid_ros.identification.monitoring.covariance_reset import KNOWN, ChangeDetector
 from aircraft_sysid_ros.identification.monitoring.hold import Restore
 from aircraft_sysid_ros.identification.monitoring.integrity import IntegrityMonitor
@@ -47,9 +42,8 @@ from aircraft_sysid_ros.identification.parameter_set import (
 )
 from aircraft_sysid_ros.identification.predictions import KnownHistory
 from aircraft_sysid_ros.identification.prior import AxisPrior, FleetKnowledge
-from aircraft_sysid_ros.identification.trust import Trust, TrustRules
+from aircraft_sysid_ros.identification.trust import Trust
 from aircraft_sysid_ros.identification.undescribed.sensors import UndescribedSensors
-from aircraft_sysid_ros.reconstruction.options import LONGEST_WAIT
 from aircraft_sysid_ros.reconstruction.state import OF_THE_IMU, StateField
 from aircraft_sysid_ros.samples import Samples
 
@@ -59,10 +53,6 @@ Array = npt.NDArray[np.float64]
 LONGEST_LOOK = 1.0
 #: Without a sample for so long [s] what is published has the time of the newest state.
 STALE = 1.0
-#: Time [s] in which wind and attitude must show an angle that no vane measures before an axis that needs it is used: as
-#: much as any comparison of a model needs.
-LEAST_INFERRED = 20.0
-_RULES = TrustRules()
 
 
 def newest_count(options: ParameterOptions) -> int:
@@ -331,8 +321,8 @@ class Learning:
         own = [ParameterEstimate(name, np.nan, np.nan, Trust.HOLD, "", np.nan, 0.0) for name in model.parameter_names]
         least_squares: list[AxisEstimate | None] = [None] * len(AXES)
         of_sensors = self._describe(state, now, [None] * len(AXES))._replace(own=least_squares).of_sensors()
-        for axis, name in enumerate(AXES):
-            if self.integrity.holds[axis] is None and not (missing := self._missing(axis)):
+        for axis, (name, missing) in enumerate(zip(AXES, self._missing(), strict=True)):
+            if self.integrity.holds[axis] is None and not missing:
                 bounds = self.aircraft.parameter_bounds
                 found, _ = axis_estimates(model, axis, state, now, missing, bounds=bounds, sensors=of_sensors[axis])
                 own[model.axis_slice(name)] = found
@@ -416,7 +406,7 @@ class Learning:
         return Description(
             self.aircraft.model, time, self.newest, state,
             own=[self._own(axis) for axis in axes],
-            missing=[self._missing(axis) for axis in axes],
+            missing=self._missing(),
             changed=self.changes.times.tolist(),
             constants=copy(self.constants),
             ranges=[(float(low), float(high)) for low, high in self.conditions.ranges],
@@ -424,6 +414,13 @@ class Learning:
             priors=[*priors],
             sensors=self.undescribed.doubt(),
         )  # fmt: skip
+
+    def _missing(self) -> list[str]:
+        """What keeps each axis from being learnt, in words; empty where nothing but motion does."""
+        missing = Missing(
+            self.aircraft.model, self.newest, self.conditions, self.constants.angles, self._pace, self._pace_of_controls
+        )
+        return [missing.why(axis, updates) for axis, updates in enumerate(self.least_squares.state.updates.tolist())]
 
     def _own(self, axis: int) -> AxisEstimate | None:
         """What the published estimator knows of an axis; None: what least squares knows is published.
@@ -455,57 +452,6 @@ class Learning:
         self.undescribed.warm_up()
         if self.choice is not None:
             self.choice.warm_up()
-
-    def _missing(self, axis: int) -> str:
-        """What keeps an axis from being learnt, in words; empty where nothing but motion does."""
-        updates, controls_pace = int(self.least_squares.state.updates[axis]), self._pace_of_controls
-        if updates >= _RULES.samples:
-            return self._inferred_too_seldom(axis)
-        if self._pace.is_too_slow:
-            return too_slow(self._pace.rate)
-        needed, unseen = self.conditions.signals_of(self.aircraft.model, axis)
-        controls = [name for name in needed if name in CONTROL_SIGNALS]
-        nothing = self.newest is not None and not updates
-        if controls and nothing and (behind := controls_pace.behind) > LONGEST_WAIT:
-            return f"needs {listed(controls)}, {stamped_behind(behind)}"
-        never = self._pace.is_sparse or (nothing and {*unseen} & CONTROL_SIGNALS)
-        if controls and never and (apart := controls_pace.shown) > SPARSEST_CONTROLS:
-            if np.isinf(apart):
-                return f"needs {listed(controls)}, of which too few samples have come yet"
-            rate = f"{1.0 / apart:.2g} Hz"
-            come = "come" if len(controls) > 1 else "comes"
-            return f"needs {listed(controls)}, which {come} at {rate}: at least {LOWEST_RATE:g} Hz are needed"
-        if nothing and unseen:
-            return needs(unseen)
-        return self._not_inferred(needed)
-
-    def _inferred_too_seldom(self, axis: int) -> str:
-        """That an axis rests on angles which wind and attitude have told for too short a time; empty: it does not.
-
-        So few seconds are of one manoeuvre and one error of the wind: of five values that were to be used in such
-        flights of a stranger four were more than a quarter off.
-        """
-        seconds = self.conditions.seconds[axis]
-        if seconds >= LEAST_INFERRED or not self.constants.angles:
-            return ""
-        needed, _ = self.conditions.signals_of(self.aircraft.model, axis)
-        angles = [name for name in self.constants.angles if name in needed]
-        if not angles:
-            return ""
-        return (
-            f"rests on {listed(angles)}, which no vane measures: wind and attitude have shown "
-            f"{'them' if len(angles) > 1 else 'it'} for {seconds:.0f} s, and {LEAST_INFERRED:.0f} s are needed"
-        )
-
-    def _not_inferred(self, needed: tuple[str, ...]) -> str:
-        """That angles are neither measured nor known just now from wind and attitude; empty: they are."""
-        if self.newest is None:
-            return ""
-        known = dict(zip(self.aircraft.model.signal_names, self.newest[CoefficientSample.SIGNALS], strict=False))
-        angles = [name for name in self.constants.angles if name in needed and np.isnan(known[name])]
-        if not angles:
-            return ""
-        return f"needs {listed(angles)}, which no vane measures, and wind and attitude do not show well enough"
 
 
 def _columns(found: Sequence[ParameterEstimate]) -> tuple[Array, Array, npt.NDArray[np.bool_]]:

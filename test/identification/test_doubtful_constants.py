@@ -8,7 +8,7 @@ import pytest
 from aircraft_sysid_ros.identification.coefficients.layout import CoefficientSample
 from aircraft_sysid_ros.identification.conditions import LearntConditions
 from aircraft_sysid_ros.identification.doubtful_constants import DoubtfulConstants
-from aircraft_sysid_ros.identification.learning import LEAST_INFERRED
+from aircraft_sysid_ros.identification.missing import LEAST_INFERRED
 from aircraft_sysid_ros.identification.parameter_set import ParameterEstimate, ParameterSet
 from aircraft_sysid_ros.identification.trust import Trust
 from aircraft_sysid_ros.pipeline import Pipeline

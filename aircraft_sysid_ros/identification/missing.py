@@ -1,0 +1,88 @@
+"""Why an axis of the model is not learnt, or not to be used yet."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from aircraft_sysid_ros.aircraft.aerodynamic_model import AerodynamicModel
+from aircraft_sysid_ros.identification.coefficients.layout import CoefficientSample
+from aircraft_sysid_ros.identification.coefficients.pace import (
+    LOWEST_RATE,
+    SPARSEST_CONTROLS,
+    Pace,
+    stamped_behind,
+    too_slow,
+)
+from aircraft_sysid_ros.identification.conditions import CONTROL_SIGNALS, LearntConditions, listed, needs
+from aircraft_sysid_ros.identification.trust import TrustRules
+from aircraft_sysid_ros.reconstruction.options import LONGEST_WAIT
+
+#: Time [s] in which wind and attitude must show an angle that no vane measures before an axis that needs it is used: as
+#: much as any comparison of a model needs.
+LEAST_INFERRED = 20.0
+_RULES = TrustRules()
+
+
+class Missing(NamedTuple):
+    """What an axis needs, and has or has not."""
+
+    model: AerodynamicModel
+    newest: npt.NDArray[np.float64] | None  # sample
+    conditions: LearntConditions
+    inferred: Sequence[str]  # angles that no vane measures
+    pace: Pace  # of states
+    pace_of_controls: Pace
+
+    def why(self, axis: int, updates: int) -> str:
+        """What keeps an axis of so many ``updates`` from being learnt, in words; empty: nothing but motion does."""
+        if updates >= _RULES.samples:
+            return self._inferred_too_seldom(axis)
+        if self.pace.is_too_slow:
+            return too_slow(self.pace.rate)
+        needed, unseen = self.conditions.signals_of(self.model, axis)
+        controls = [name for name in needed if name in CONTROL_SIGNALS]
+        nothing = self.newest is not None and not updates
+        if controls and nothing and (behind := self.pace_of_controls.behind) > LONGEST_WAIT:
+            return f"needs {listed(controls)}, {stamped_behind(behind)}"
+        never = self.pace.is_sparse or (nothing and {*unseen} & CONTROL_SIGNALS)
+        if controls and never and (apart := self.pace_of_controls.shown) > SPARSEST_CONTROLS:
+            if np.isinf(apart):
+                return f"needs {listed(controls)}, of which too few samples have come yet"
+            rate = f"{1.0 / apart:.2g} Hz"
+            come = "come" if len(controls) > 1 else "comes"
+            return f"needs {listed(controls)}, which {come} at {rate}: at least {LOWEST_RATE:g} Hz are needed"
+        if nothing and unseen:
+            return needs(unseen)
+        return self._not_inferred(needed)
+
+    def _inferred_too_seldom(self, axis: int) -> str:
+        """That an axis rests on angles which wind and attitude have told for too short a time; empty: it does not.
+
+        So few seconds are of one manoeuvre and one error of the wind: of five values that were to be used in such
+        flights of a stranger four were more than a quarter off.
+        """
+        seconds = self.conditions.seconds[axis]
+        if seconds >= LEAST_INFERRED or not self.inferred:
+            return ""
+        needed, _ = self.conditions.signals_of(self.model, axis)
+        angles = [name for name in self.inferred if name in needed]
+        if not angles:
+            return ""
+        return (
+            f"rests on {listed(angles)}, which no vane measures: wind and attitude have shown "
+            f"{'them' if len(angles) > 1 else 'it'} for {seconds:.0f} s, and {LEAST_INFERRED:.0f} s are needed"
+        )
+
+    def _not_inferred(self, needed: tuple[str, ...]) -> str:
+        """That angles are neither measured nor known just now from wind and attitude; empty: they are."""
+        if self.newest is None:
+            return ""
+        known = dict(zip(self.model.signal_names, self.newest[CoefficientSample.SIGNALS], strict=False))
+        angles = [name for name in self.inferred if name in needed and np.isnan(known[name])]
+        if not angles:
+            return ""
+        return f"needs {listed(angles)}, which no vane measures, and wind and attitude do not show well enough"
