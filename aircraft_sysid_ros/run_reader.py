@@ -80,6 +80,15 @@ def late_surfaces_of(folder: Path) -> dict[str, tuple[float, float]]:
     return {key: number for key, number in found.items() if _are_finite(*number)}
 
 
+def lack_of_fit_of(folder: Path) -> dict[str, str]:
+    """What the recursion said at the end of each axis, by its name, that its model does not explain.
+
+    Empty for an older run. Raises UNREADABLE.
+    """
+    said = json.loads((folder / PARAMETERS).read_text(encoding="utf8")).get("lack_of_fit", {})
+    return {str(axis): str(words) for axis, words in said.items()}
+
+
 def corrected_note(calibration: str) -> str:
     """For a run whose samples are corrected by the file of a calibration."""
     return (f"its samples are corrected by the calibration {calibration}: what is found from them now is what that has "

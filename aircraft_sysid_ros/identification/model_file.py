@@ -137,6 +137,7 @@ def parameters_json(estimator: Identifier) -> dict[str, Any]:
         ],
         **_beside_earlier_flights(estimator),
         **_late_surfaces(estimator),
+        "lack_of_fit": estimator.learning.integrity.doubts.lack_of_fit,
         "changes": [
             {"axis": axis, "time": t, "count": count} for axis, t, count in estimator.learning.changes.alarms()
         ],

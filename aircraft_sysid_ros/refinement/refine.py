@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -122,11 +122,10 @@ def refine(run: RunData, method: str, options: RefineOptions, progress: Progress
         modelled[segment.part] = record.outputs[segment.part] - residual
     std = _with_sampling(run, found)
     errors = errors_not_fitted(run, record, segments, found.theta)
+    doubts = _doubts(found, errors, run.lack_of_fit)
     content = {
         "method": method,
-        "parameters": judged(
-            run.aircraft.model, record, found.theta, std, active, scales, run.parameters, _doubts(found, errors)
-        ),
+        "parameters": judged(run.aircraft.model, record, found.theta, std, active, scales, run.parameters, doubts),
         "biases": biases_json(record, found.theta, found.std, active),
         "cost": found.cost,
         "iterations": found.iterations,
@@ -310,8 +309,11 @@ def _rms_about_means(values: Array, part: npt.NDArray[np.int64]) -> float:
     return float(np.sqrt(np.mean((values - means[at]) ** 2)))
 
 
-def _doubts(found: _Fitted, errors: dict[str, dict[str, float]]) -> dict[str, str]:
-    """Axes of which nothing is to be used, with the reason."""
+def _doubts(found: _Fitted, errors: dict[str, dict[str, float]], of_run: Mapping[str, str]) -> dict[str, str]:
+    """Axes of which nothing is to be used, with the reason; ``of_run``: what the recursion says of this flight.
+
+    It has seen all of the flight, of which little is not fitted, and that may lack what shows the misfit.
+    """
     if not found.converged:
         return dict.fromkeys(AXES, f"it did not converge: {found.reason}")
     doubts = {
@@ -319,6 +321,8 @@ def _doubts(found: _Fitted, errors: dict[str, dict[str, float]]) -> dict[str, st
     }
     for axis in worse_axes(errors):
         doubts[axis] = doubts[axis] or f"where it was not fitted it predicts {axis} worse than the run did"
+    for axis, words in of_run.items():
+        doubts[axis] = doubts.get(axis, "") or f"equation error of the same flight says: {words}"
     return {axis: words for axis, words in doubts.items() if words}
 
 

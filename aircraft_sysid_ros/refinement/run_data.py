@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,7 @@ from aircraft_sysid_ros.run_reader import (
     PARAMETERS,
     SAMPLES,
     UNREADABLE,
+    lack_of_fit_of,
     not_a_run,
     read_parameters,
     read_points,
@@ -46,6 +48,7 @@ class RunData:
     calm_air: bool = False  # it was taken as calm when the flight was replayed
     #: Variances of the measured coefficients from the noise of the IMU (n, 6), and of the noise of terms (parameters,).
     noise: tuple[Array, Array] | None = None  # None: an older run does not say
+    lack_of_fit: Mapping[str, str] = field(default_factory=dict)  # of axes that the model does not explain, in words
 
     @property
     def start(self) -> Array:
@@ -76,7 +79,7 @@ def load_run(run: str | Path) -> RunData:
         raise InputError(f"{run} holds no samples, it was made by an older version: replay the recording again")
     aircraft = load_run_aircraft(folder / AIRCRAFT)
     try:
-        parameters, state = read_parameters(folder), read_state(folder)
+        parameters, state, lacks = read_parameters(folder), read_state(folder), lack_of_fit_of(folder)
         known = [*state["accelerometer_bias"], *state["gyro_bias"]]
         biases = np.array([0.0 if b is None else float(b) for b in known])
         samples, points = read_samples(folder), read_points(folder)
@@ -94,4 +97,4 @@ def load_run(run: str | Path) -> RunData:
     if not sound:
         raise InputError(f"the run {run} is of another version or model: replay the recording again")
     calm_air = bool(state.get("calm_air", False))
-    return RunData(aircraft, samples, parameters, biases, stamp, measured, terms, calm_air, noise)
+    return RunData(aircraft, samples, parameters, biases, stamp, measured, terms, calm_air, noise, lacks)

@@ -83,6 +83,8 @@ def test_what_was_added_is_refined_and_said_to_be(tmp_path, aircraft_file, capsy
     assert (other["model"], other["changes"], other["is_current"]) == (first, [], False)
     assert len(other["parameters"]) == 32 and Path(other["file"]).parent == run
     assert other["not_fitted"]["CZ"]["nrmse"] > 2.0 * refined["not_fitted"]["CZ"]["nrmse"]
+    of_lift = [p for p in other["parameters"] if p["name"].startswith("CZ")]  # of a model that lacks a term in it
+    assert {p["status"] for p in of_lift} == {"HOLD"} and all("CZ" in p["reason"] for p in of_lift)
     from aircraft_sysid_ros.commands import refine
 
     assert refine.render(refined).startswith(f"refined: model {added['model']}, the current version with CZ: alpha")

@@ -143,6 +143,7 @@ def refined(user, version):
     found = user.ask("refine")
     assert found["model"] == version["model"] and found["converged"]
     terms = {p["name"]: p for p in found["parameters"]}
+    assert sum(p["status"] == "USE" and name.startswith("CX") for name, p in terms.items()) > 2
     run = user.folder / "runs" / "flight"
     fitted = {p["name"]: p for p in read(run / "models" / version["model"] / "parameters.json")["parameters"]}
     assert terms.keys() == fitted.keys()

@@ -98,6 +98,16 @@ def without(run, kind, columns=None):
     return replace(run, samples=replace(run.samples, values=values))
 
 
+def test_what_the_run_did_not_explain_is_not_to_be_used(still_run):
+    """Equation error of the same flight says that the model of C_X lacks something."""
+    words = "the error of CX is 3.6 times its noise or more in a tenth of the motion"
+    lacks = refine(replace(still_run, lack_of_fit={"CX": words}), OUTPUT_ERROR, OPTIONS).content
+    assert lacks["converged"]
+    of_x, others = ([p for p in lacks["parameters"] if p["name"].startswith("CX") is is_x] for is_x in (True, False))
+    assert all(p["status"] == "HOLD" and p["reason"].endswith(f"says: {words}") for p in of_x)
+    assert [p["status"] for p in others].count("USE") > 15
+
+
 @pytest.mark.long
 def test_a_parameter_whose_signal_is_not_measured_is_held(still_run):
     run = without(still_run, Kind.CONTROLS, [5])

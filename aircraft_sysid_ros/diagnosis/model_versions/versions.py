@@ -53,6 +53,7 @@ from aircraft_sysid_ros.run_reader import (
     UNREADABLE,
     calm_air_of,
     estimator_of,
+    lack_of_fit_of,
     late_surfaces_of,
     not_a_run,
     read_parameters,
@@ -139,8 +140,8 @@ class Run:
         notes = assumed_calm(self.samples, self.calm_air)
         if (twice := flown_twice(self.samples)) > 1.0:
             notes.append(
-                f"the clock went back, so that {twice:.0f} s of flight have times that other parts have, too: they are "
-                "mixed here, and errors are larger by that; record the parts apart, and replay both"
+                f"the clock went back, so that {twice:.0f} s of flight share their times with other parts: they are "
+                "mixed here, which makes errors larger; record the parts separately, and replay both"
             )
         return notes
 
@@ -311,7 +312,7 @@ def run_data(run: Run, version: Version) -> RunData:
     if run.samples is None:
         raise InputError(f"{run.path} holds no samples to fly {version.identifier} on: replay the recording again")
     try:
-        parameters = read_parameters(folder_of(run, version))
+        parameters, lacks = read_parameters(folder_of(run, version)), lack_of_fit_of(folder_of(run, version))
     except UNREADABLE:
         raise InputError(
             f"{PARAMETERS} of the model version {version.identifier} in {run.path} is damaged: remove that version "
@@ -331,6 +332,7 @@ def run_data(run: Run, version: Version) -> RunData:
         terms=points[:, CoefficientSample.TERMS :],
         calm_air=run.calm_air,
         noise=pipeline.parameters.learning.noise_of(points),
+        lack_of_fit=lacks,
     )
 
 

@@ -112,6 +112,11 @@ class Doubts:
             found[drag] = f"{_OF_LIFT}{of_lift}"
         return found
 
+    @property
+    def lack_of_fit(self) -> dict[str, str]:
+        """What to say of each axis, by its name, that the model does not explain."""
+        return {AXES[axis]: words for axis, words in self._misfits.items()}
+
     def gated(self, parameters: Sequence[ParameterEstimate]) -> list[ParameterEstimate]:
         """All parameters, with HOLD where one is in doubt."""
         out = list(parameters)
