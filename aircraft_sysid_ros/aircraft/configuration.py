@@ -85,7 +85,7 @@ KEYS = {
     "inputs": Key(
         f"further inputs of the recording, by name, that terms may use as signals, at most {MOST_INPUTS}: for each its "
         "`unit` in the recording, `noise` (one sigma) and `limits` `[lowest, highest]`, both in that unit",
-        "rad, deg, 1, N, rad/s",
+        "rad, deg, 1, N, W, rad/s",
         "none; rad",
     ),
     "surface_signs": Key("+1 or -1 for each surface: factor on the recorded deflection", default="1"),

@@ -19,7 +19,7 @@ from aircraft_sysid_ros.workbench.views.candidates import cards
 from aircraft_sysid_ros.workbench.views.coefficients import axis_rows
 from aircraft_sysid_ros.workbench.views.words import percent
 
-MISSING = "docs/tutorials/find-a-missing-effect.md"
+MISSING, PX4 = "docs/tutorials/find-a-missing-effect.md", "docs/tutorials/beside-px4.md"
 WAY = {
     "simulate": (
         MISSING,
@@ -32,6 +32,8 @@ WAY = {
     "add": (MISSING, "aircraft-sysid add runs/flight sideslip_drag"),
     "refine": ("README.md", "aircraft-sysid refine runs/flight"),
     "report": ("docs/tutorials/first-flight.md", "aircraft-sysid report runs/flight --out flight.html"),
+    "gains": (PX4, "aircraft-sysid gains runs/today"),
+    "export": (PX4, "aircraft-sysid export runs/today"),
     "remove": (MISSING, "aircraft-sysid remove runs/flight sideslip_drag"),
 }
 SECONDS = 45  # of flight
@@ -49,6 +51,7 @@ def test_from_a_bag_to_a_report(user):
     refined(user, version)
     card = shown(user.folder / "runs" / "flight", found, {before["model"]: before, version["model"]: after})
     reported(user, after, card)
+    taken_to_px4(user)
     removed(user, before)
 
 
@@ -172,6 +175,15 @@ def reported(user, compared, card):
         assert f'data-testid="error-{axis}">{percent(e["nrmse_held_out"])} %<' in page
         assert f"{100 * e['noise_floor']:.1f} %" in page, axis
     assert card.gain in page
+
+
+def taken_to_px4(user):
+    """Gains and parameters for QGroundControl: tab-separated lines of system, component, name, value and type."""
+    for step, file, name in (("gains", "first.params", "FW_PR_FF"), ("export", "model.params", "FW_AIRSPD_STALL")):
+        user.run(step, **{"runs/today": "runs/flight"})
+        lines = [line.split("\t") for line in (user.folder / file).read_text(encoding="utf8").splitlines()]
+        values = {words[2]: float(words[3]) for words in lines if not words[0].startswith("#")}
+        assert values[name] > 0.0
 
 
 def removed(user, before):
