@@ -21,7 +21,17 @@ from aircraft_sysid_ros.mavlink.airspeed import (
     true_airspeed,
     true_of_impact_pressure,
 )
-from aircraft_sysid_ros.mavlink.quantities import FIX_STATUS, Array, Quantity, Reading, Stamps, Table, rank
+from aircraft_sysid_ros.mavlink.quantities import (
+    FIX_STATUS,
+    NEEDED,
+    Array,
+    Quantity,
+    Reading,
+    Stamps,
+    Table,
+    rank,
+    with_receiver,
+)
 from aircraft_sysid_ros.mavlink.servo_mapping import MOTORS, ServoMapping
 from aircraft_sysid_ros.ros_messages.conversion import (
     INPUTS_TOPIC,
@@ -71,6 +81,10 @@ SILENCE = 2.0  # [s] after which the next best source takes over
 # How old [s] a value may be that another quantity needs.
 _PRESSURE_AGE, _DESCENT_AGE, _PROPELLER_AGE, _NAMED_AGE, _ATTITUDE_AGE, _SENSOR_AGE = 5.0, 0.5, 1.0, 1.0, 0.1, 30.0
 _MOTOR_AGE = 1.0
+_OF_SPEED = (Quantity.AIRSPEED, Quantity.IMPACT_PRESSURE)
+#: Sources of one quality, of which that counts in a log which has more than so many times the other's samples: PX4 logs
+#: its receivers once in a second, and the position that it chose of them as often as it comes.
+_ALIKE, _DENSER = ({"sensor_gps", "vehicle_gps_position"}, {"airspeed", "airspeed_validated"}), 1.2
 _KEPT = 64  # values that a live mapping remembers per quantity
 _MILLISECOND = 1_000_000
 
@@ -121,13 +135,33 @@ class Held:
 
     def at(self, stamp: Stamps, age: float, column: int = 0) -> Array:
         """Last value (n,) at or before each stamp, not older than ``age`` [s]; else NaN."""
-        rows = np.searchsorted(self.stamp, stamp, side="right") - 1
-        found = np.full(len(stamp), np.nan)
-        if not len(self.stamp) or column >= self.values.shape[1]:
-            return found
-        near = (rows >= 0) & (stamp - self.stamp[np.maximum(rows, 0)] <= age * NANOSECONDS)
-        found[near] = self.values[rows[near], column]
-        return found
+        if column >= self.values.shape[1]:
+            return np.full(len(stamp), np.nan)
+        return _last(self.stamp, self.values[:, column], stamp, age)
+
+    def number_at(self, stamp: Stamps, age: float, column: int) -> Array:
+        """The same of the last number in a column: each of several senders knows its own."""
+        if column >= self.values.shape[1]:
+            return np.full(len(stamp), np.nan)
+        known = np.isfinite(self.values[:, column])
+        return _last(self.stamp[known], self.values[known, column], stamp, age)
+
+
+def _last(held: Stamps, values: Array, stamp: Stamps, age: float) -> Array:
+    rows = np.searchsorted(held, stamp, side="right") - 1
+    found = np.full(len(stamp), np.nan)
+    if len(held):
+        near = (rows >= 0) & (stamp - held[np.maximum(rows, 0)] <= age * NANOSECONDS)
+        found[near] = values[rows[near]]
+    return found
+
+
+def _count_usable(reading: Reading) -> int:
+    """Rows in which all that is needed is a number, of positions those with a fix, or of which nobody says."""
+    rows = np.all(np.isfinite(reading.values[:, : NEEDED.get(reading.quantity, 0)]), axis=1)
+    if reading.quantity is Quantity.POSITION:
+        rows = np.all(np.isfinite(reading.values[:, :2]), axis=1) & (reading.values[:, FIX_STATUS] != NO_FIX)
+    return int(rows.sum())
 
 
 def _wide(values: Array, width: int) -> Array:
@@ -164,14 +198,20 @@ class Assembler:
         self._active: dict[Quantity, tuple[str, int]] = {}
         self._held = {quantity: Held() for quantity in Quantity}
         self._named: dict[str, Held] = {target: Held() for target in self.mapping.named_values.values()}
-        self._told: dict[Quantity, Array] = {}
+        self._told: dict[Quantity, Array] = {}  # the newest that went out, and that was held
+        self._known: dict[Quantity, Array] = {}
+        self._fresh = {quantity: Held() for quantity in _OF_SPEED}  # what was not told before
+        self._received: set[str] = set()  # sources of a position that have had a receiver
         self._attitude_used = np.iinfo(np.int64).min
         self._keep: int | None = _KEPT
 
     # -- which source ----------------------------------------------------------------------------------------
 
     def _named_source(self, table: Table) -> str | None:
-        """The source of airspeed that the calibration file names, as the table has it; raises InputError for none."""
+        """The source of airspeed that the calibration file names, as the table has it.
+
+        Raises InputError for none, and for an offset [m/s] of one that is a pressure.
+        """
         named = self.mapping.airspeed_source
         if named is None or named.lower() == NO_AIRSPEED:
             return named
@@ -179,17 +219,32 @@ class Assembler:
         found = next((name for name in known if name.lower() == named.lower()), None)
         if found is None:
             raise InputError(
-                f"source: {named} of airspeed in the calibration file is none of a log or link of this kind, which may "
-                f"have {', '.join(known)}: name one of these, {NO_AIRSPEED}, or leave it out for the best that is there"
+                f"source: {named} of airspeed in the calibration file is not one of a log or link of this kind, which "
+                f"may have {', '.join(known)}: name one of these, {NO_AIRSPEED}, or leave it out for the best that is "
+                "there"
+            )
+        if self.mapping.airspeed_offset and found not in rank(table, Quantity.AIRSPEED):
+            raise InputError(
+                f"offset of airspeed in the calibration file is a speed, and {found} measures a pressure: leave the "
+                "offset out, or name a source of airspeed"
             )
         return found
 
-    def choose(self, available: Iterable[str]) -> None:
-        """A whole log is at hand: of each quantity the best source of it, throughout."""
-        names = set(available)
+    def choose(self, readings: Iterable[Reading]) -> None:
+        """A whole log is at hand: of each quantity the best source of it that says something, throughout."""
         self._keep = None
+        usable: dict[tuple[Quantity, str], int] = {}
+        for reading in readings:
+            key = reading.quantity, reading.source
+            usable[key] = usable.get(key, 0) + _count_usable(reading)
         for quantity, order in self._ranks.items():
-            self._ranks[quantity] = tuple(name for name in order if name in names)[:1]
+            there = [name for name in order if (quantity, name) in usable]
+            there.sort(key=lambda name: not usable[quantity, name])
+            best = there[:1]
+            for name in there[1:]:
+                if {name, *best} in _ALIKE and usable[quantity, name] > _DENSER * usable[quantity, best[0]]:
+                    best = [name]
+            self._ranks[quantity] = tuple(best)
 
     def source(self, quantity: Quantity) -> str | None:
         """The source that counts now."""
@@ -213,7 +268,8 @@ class Assembler:
 
     def take(self, readings: Iterable[Reading]) -> list[Output]:
         """Note and assemble what one live message reported."""
-        counted = [reading for reading in readings if self.note(reading)]
+        there = (with_receiver(reading, self._received) for reading in readings)
+        counted = [reading for reading in there if reading is not None and self.note(reading)]
         return merged([output for reading in counted for output in self.assemble(reading)])
 
     def note(self, reading: Reading) -> bool:
@@ -226,6 +282,9 @@ class Assembler:
             return target in ("angle_of_attack", "sideslip")
         if not self.counts(reading):
             return False
+        if reading.quantity in _OF_SPEED:
+            rows = self._news(reading, self._known)
+            self._fresh[reading.quantity].add(reading.stamp[rows], reading.values[rows], self._keep)
         if reading.quantity not in (Quantity.IMU, Quantity.PULSES, Quantity.COMMANDS, Quantity.MAGNETIC_FIELD):
             self._held[reading.quantity].add(reading.stamp, reading.values, self._keep)
         return True
@@ -280,16 +339,19 @@ class Assembler:
             self._attitude_used = int(taken[-1])
 
     def _magnetic_field(self, reading: Reading) -> Output:
-        rows = self._news(reading)
+        rows = self._news(reading, self._told)
         fields = {"magnetic_field": flu_from_frd(reading.values[rows])}
         return Output("imu/mag", reading.stamp[rows], fields, reading.source)
 
-    def _news(self, reading: Reading) -> npt.NDArray[np.bool_]:
-        """Values (n,) that are not the one before: MAVLink tells as often as it is asked what a sensor last showed."""
+    def _news(self, reading: Reading, told: dict[Quantity, Array]) -> npt.NDArray[np.bool_]:
+        """Values (n,) that are not the one before: MAVLink tells as often as it is asked what a sensor last showed.
+
+        ``told``: the last one before these, by quantity; the last of these takes its place.
+        """
         if reading.source not in _TOLD_AS_ASKED:
             return np.ones(len(reading.stamp), np.bool_)
-        before = self._told.get(reading.quantity, np.full(reading.values.shape[1], np.nan))
-        self._told[reading.quantity] = reading.values[-1]
+        before = told.get(reading.quantity, np.full(reading.values.shape[1], np.nan))
+        told[reading.quantity] = reading.values[-1]
         return np.any(reading.values != np.vstack([before, reading.values[:-1]]), axis=1)
 
     def _position(self, reading: Reading) -> Output:
@@ -337,7 +399,7 @@ class Assembler:
         speed = self.mapping.airspeed_scale * reading.values[:, 0] + self.mapping.airspeed_offset
         speed = np.maximum(speed, 0.0)
         true = true_airspeed(speed, meaning, pressure, temperature)
-        rows = np.isfinite(true) & self._has_airspeed_sensor(reading.stamp) & self._news(reading)
+        rows = np.isfinite(true) & self._has_airspeed_sensor(reading.stamp) & self._news(reading, self._told)
         return self._flow(reading.stamp, true, rows, pressure, temperature, f"{reading.source} ({meaning})")
 
     def _flow(
@@ -352,16 +414,13 @@ class Assembler:
         pressure, temperature = self._air(reading.stamp)
         impact = self.mapping.airspeed_scale**2 * reading.values[:, 0]
         true = true_of_impact_pressure(impact, pressure, temperature)
-        rows = np.isfinite(true) & self._news(reading)
+        rows = np.isfinite(true) & self._news(reading, self._told)
         return self._flow(reading.stamp, true, rows, pressure, temperature, f"{reading.source} pressure")
 
     def _pressure(self, reading: Reading) -> Output | None:
-        """Pressure alone; with an airspeed it goes along with that."""
-        if self._active.get(Quantity.IMPACT_PRESSURE):
-            return None
-        alone = np.ones(len(reading.stamp), np.bool_)
-        if self._active.get(Quantity.AIRSPEED):
-            alone = ~self._has_airspeed_sensor(reading.stamp)
+        """Pressure alone; with an airspeed that is not silent it goes along with that."""
+        speeds = (self._fresh[quantity].at(reading.stamp, SILENCE) for quantity in _OF_SPEED)
+        alone = np.all([np.isnan(speed) for speed in speeds], axis=0) | ~self._has_airspeed_sensor(reading.stamp)
         stamp, pressure = reading.stamp[alone], reading.values[alone, 0]
         _, temperature = self._air(stamp)
         fields = _air_data(static_pressure=pressure, air_density=density_of(pressure, temperature))
@@ -382,7 +441,7 @@ class Assembler:
         if not self._tells_outputs(reading) or all(not output.surface for output in mapping.outputs.values()):
             return None
         fields: dict[str, Any] = dict(mapping.controls(self._values_of_outputs(reading)))
-        rpm = self._held[Quantity.PROPELLER].at(reading.stamp, _PROPELLER_AGE, mapping.engine - 1)
+        rpm = self._held[Quantity.PROPELLER].number_at(reading.stamp, _PROPELLER_AGE, mapping.engine - 1)
         fields["propeller_speed"] = rpm * (2.0 * np.pi / 60.0) / mapping.gear
         for target, held in self._named.items():
             if target in ("thrust", "propeller_speed"):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 from typing import Any
 
@@ -51,8 +51,9 @@ NEEDED = {
     Quantity.IMPACT_PRESSURE: 1, Quantity.PRESSURE: 1, Quantity.ANGLE_OF_ATTACK: 1, Quantity.SIDESLIP: 1,
     Quantity.ATTITUDE: 4, Quantity.WIND: 3, Quantity.NAMED: 1,
 }  # fmt: skip
-#: StateField of POSITION, as in sensor_msgs/NavSatStatus.
+#: Column of POSITION with the status, as in sensor_msgs/NavSatStatus, or NO_RECEIVER.
 FIX_STATUS = 6
+NO_RECEIVER = -9.0
 
 
 @dataclass(frozen=True)
@@ -88,7 +89,7 @@ def is_sound(reading: Reading) -> bool:
     return bool(np.all(np.isfinite(reading.values[:, : NEEDED.get(reading.quantity, 0)])))
 
 
-_NO_RECEIVER, _FIX_3D, _DIFFERENTIAL_FIX, _RTK_FLOAT, _RTK_FIXED = 0, 3, 4, 5, 6
+_NOTHING, _FIX_3D, _DIFFERENTIAL_FIX, _RTK_FLOAT, _RTK_FIXED = 0, 3, 4, 5, 6
 #: The message that brings what MAVLink has no message for.
 NAMED_VALUES = "NAMED_VALUE_FLOAT"
 #: Entries by name of the message. Of several messages with one quantity the first in the table is preferred.
@@ -140,14 +141,32 @@ def position_of_fix(place: Array, variance: Array, fix_type: npt.NDArray[Any]) -
     """POSITION (n, 7) of latitude, longitude [rad], altitude [m] and variances, each (n, 3), and types of fix (n,).
 
     MAVLink's GPS_FIX_TYPE, DataFlash and PX4 count alike: 0 no receiver, 1 no fix, 2 without altitude, 3 whole, 4 with
-    differential corrections, 5 and 6 with those of a base station (RTK). Without a receiver there is no sample.
+    differential corrections, 5 and 6 with those of a base station (RTK).
     """
     kinds = [fix_type < _FIX_3D, fix_type == _DIFFERENTIAL_FIX, (fix_type == _RTK_FLOAT) | (fix_type == _RTK_FIXED)]
     status = np.select(kinds, [float(NO_FIX), float(SATELLITE_AUGMENTED_FIX), float(GROUND_AUGMENTED_FIX)], float(FIX))
-    status[fix_type == _NO_RECEIVER] = np.nan
+    status[fix_type == _NOTHING] = NO_RECEIVER
     numbers = np.concatenate([place, variance], axis=1)
     numbers[fix_type < _FIX_3D] = np.nan
     return np.concatenate([numbers, status[:, None]], axis=1)
+
+
+def with_receiver(reading: Reading, heard: set[str]) -> Reading | None:
+    """A reading without what comes from no GPS receiver; one that was there before and is lost has no fix.
+
+    ``heard``: sources that have had a receiver, to which this one is added. None: nothing is left.
+    """
+    if reading.quantity is not Quantity.POSITION:
+        return reading
+    lost = reading.values[:, FIX_STATUS] == NO_RECEIVER
+    had = np.logical_or.accumulate(~lost) | (reading.source in heard)
+    if had.any():
+        heard.add(reading.source)
+    if not lost.any():
+        return reading
+    values = reading.values[had]
+    values[lost[had], FIX_STATUS] = NO_FIX
+    return replace(reading, stamp=reading.stamp[had], values=values) if len(values) else None
 
 
 def text(value: Any) -> str:

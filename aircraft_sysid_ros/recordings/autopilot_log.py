@@ -11,7 +11,7 @@ import numpy as np
 
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.mavlink.assembler import ATTITUDE_TOPIC, COMPUTED_ANGLES, Assembler, Output, merged
-from aircraft_sysid_ros.mavlink.quantities import Batch, Quantity, Reading, Table, readings_of
+from aircraft_sysid_ros.mavlink.quantities import Batch, Quantity, Reading, Table, readings_of, with_receiver
 from aircraft_sysid_ros.mavlink.servo_mapping import ServoMapping
 from aircraft_sysid_ros.recordings.imported_log import ImportedLog, ImportedTopic
 from aircraft_sysid_ros.recordings.segment_list import Span
@@ -28,7 +28,7 @@ _LEAPS = (
 _INPUTS = {
     "imu/data": "an IMU", "imu/mag": "a magnetometer", "gps/fix": "a GPS position", "gps/vel": "a GPS velocity",
 }  # fmt: skip
-NO_SURFACES = "outputs are there, but not what they move: give a calibration file (--calibration)"
+NO_SURFACES = "outputs are recorded, but not what they move: give a calibration file (--calibration)"
 
 
 @dataclass(frozen=True)
@@ -53,7 +53,8 @@ def gps_nanoseconds(week: int, milliseconds: int) -> int:
 def import_content(content: LogContent, table: Table, mapping: ServoMapping | None) -> ImportedLog:
     """A log through a table; raises InputError where nothing of it can be used."""
     mapping = mapping or ServoMapping()
-    readings = [reading for batch in content.batches for reading in readings_of(table, batch)]
+    said, heard = (reading for batch in content.batches for reading in readings_of(table, batch)), set[str]()
+    readings = [reading for each in said if (reading := with_receiver(each, heard)) is not None]
     outputs, assembler = assembled(readings, table, mapping)
     topics = topics_of(outputs)
     if not any(topic.topic in TOPICS for topic in topics):
@@ -88,7 +89,7 @@ def _attitude_note(topics: Sequence[ImportedTopic], missing: Mapping[str, str], 
     if not has_attitude or mapping.attitude_std is not None or "angle_of_attack" not in missing:
         return []
     return [
-        "the autopilot's attitude is a reference and not used; without vanes it helps to tell the angles of flow: "
+        "the autopilot's attitude is a reference and not used; without vanes it helps to find the flow angles: "
         "`attitude: {std: 0.05}` [rad] in the calibration file (--calibration) gives it to the filter"
     ]
 
@@ -96,7 +97,7 @@ def _attitude_note(topics: Sequence[ImportedTopic], missing: Mapping[str, str], 
 def assembled(readings: Sequence[Reading], table: Table, mapping: ServoMapping) -> tuple[list[Output], Assembler]:
     """Messages of our topics from all readings of a log."""
     assembler = Assembler(table, mapping)
-    assembler.choose({reading.source for reading in readings})
+    assembler.choose(readings)
     counted = [reading for reading in readings if assembler.note(reading)]
     return merged([output for reading in counted for output in assembler.assemble(reading)]), assembler
 
@@ -144,8 +145,8 @@ def _found(
         if name not in table:
             return "unused"
         if name in waiting:
-            return "waits for a calibration file, which says what its outputs move"
-        return "not needed: another source goes before it" if name in read else "nothing in it that is known"
+            return "needs a calibration file, which says what its outputs move"
+        return "not needed: another source has priority" if name in read else "nothing in it that is known"
 
     return {name: {"messages": count, "state": state(name)} for name, count in found.items()}
 

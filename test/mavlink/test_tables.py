@@ -1,18 +1,22 @@
 """Every message's units and frames, through real packets of pymavlink."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 from pymavlink.generator.mavcrc import x25crc
 
+from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.mavlink.assembler import Assembler
 from aircraft_sysid_ros.mavlink.dataflash_table import DATAFLASH
 from aircraft_sysid_ros.mavlink.decoder import Decoder, batch_of, fields_of
 from aircraft_sysid_ros.mavlink.esc_status import EscStatus
 from aircraft_sysid_ros.mavlink.mavlink_table import MAVLINK
 from aircraft_sysid_ros.mavlink.px4_table import PX4
-from aircraft_sysid_ros.mavlink.quantities import FIX_STATUS, Batch, Quantity, readings_of
+from aircraft_sysid_ros.mavlink.quantities import FIX_STATUS, Batch, Quantity, Reading, readings_of, with_receiver
 from aircraft_sysid_ros.mavlink.servo_mapping import servo_mapping_from_dict
+from aircraft_sysid_ros.recordings.autopilot_log import assembled
 from aircraft_sysid_ros.ros_messages.conversion import to_samples
 
 STAMP = 1_760_000_000_123_456_789
@@ -208,7 +212,7 @@ def test_logs_count_fixes_as_mavlink_does():
     numbers = {"latitude_deg": place["Lat"], "longitude_deg": place["Lng"], "altitude_msl_m": place["Alt"]}
     px4 = {"fix_type": kinds, **numbers, "eph": np.ones(n), "epv": np.ones(n)}
     for table, name, fields in ((DATAFLASH, "GPS", dataflash), (PX4, "sensor_gps", px4)):
-        (position,) = readings_of(table, Batch(name, np.arange(n), fields))
+        (position,) = (with_receiver(r, set()) for r in readings_of(table, Batch(name, np.arange(n), fields)))
         assert position.stamp.tolist() == [1, 2, 3, 4, 5, 6]  # without a receiver there is nothing to say
         assert position.values[:, FIX_STATUS].tolist() == [-1, -1, 0, 1, 2, 2]
         assert np.isfinite(position.values[:, 0]).tolist() == [False, False, True, True, True, True]
@@ -236,6 +240,81 @@ def test_dead_reckoning_of_the_autopilot_is_no_gps():
     assert [o.topic for o in outputs(assembler, own)] == ["gps/vel"]
     outputs(assembler, fix_message(dialect.GPS_FIX_TYPE_NO_FIX))
     assert not outputs(assembler, own)
+
+
+def test_a_receiver_that_is_lost_in_flight_has_no_fix():
+    """ArduPilot says then that there is none, and goes on by dead reckoning for as long as it flies."""
+    for mapping in ({}, {"gps_velocity": "filtered"}):
+        assembler = Assembler(MAVLINK, servo_mapping_from_dict(mapping))
+        own = dialect.MAVLink_global_position_int_message(1, *PLACE, 0, 1490, 0, -250, 0)
+        outputs(assembler, fix_message(dialect.GPS_FIX_TYPE_3D_FIX))
+        for second in range(10):
+            made = []
+            for message in (fix_message(dialect.GPS_FIX_TYPE_NO_GPS), own):
+                (received,) = Decoder().decode(Decoder().encode(message))
+                batch = batch_of(received.get_type(), STAMP + second * 10**9, fields_of(received))
+                made += assembler.take(readings_of(MAVLINK, batch))
+            assert [(o.topic, o.fields["status.status"].tolist()) for o in made] == [("gps/fix", [-1])]
+
+
+def reading(quantity, source, rate, values, seconds=20.0):
+    """Of a log: the same values at a rate [Hz]."""
+    stamp = (np.arange(0.0, seconds, 1.0 / rate) * 1e9).astype(np.int64)
+    return Reading(quantity, source, stamp, np.tile(np.asarray(values, dtype=np.float64), (len(stamp), 1)))
+
+
+def test_of_sources_of_one_quality_a_log_gives_the_denser():
+    """PX4 logs what its receivers say once in a second, and what it chose of that as often as it comes."""
+    place = [0.8, -1.6, 300.0, 1.0, 1.0, 4.0, 0.0]
+    readings = [
+        reading(Quantity.POSITION, "sensor_gps", 1.0, place), reading(Quantity.AIRSPEED, "airspeed", 1.0, [20.0]),
+        reading(Quantity.POSITION, "vehicle_gps_position", 5.0, place),
+        reading(Quantity.AIRSPEED, "airspeed_validated", 5.0, [20.0]),
+    ]  # fmt: skip
+    mapping = servo_mapping_from_dict({})
+    made, _ = assembled(readings, PX4, mapping)
+    assert [(o.source, len(o.stamp)) for o in made] == [
+        ("vehicle_gps_position", 100), ("airspeed_validated (calibrated)", 100)
+    ]  # fmt: skip
+    without_fix = reading(Quantity.POSITION, "sensor_gps", 10.0, [np.nan] * 6 + [-1.0])
+    made, _ = assembled([without_fix, *readings[1:]], PX4, mapping)
+    assert {o.source for o in made if o.topic == "gps/fix"} == {"vehicle_gps_position"}
+    same = [replace(each, source=name) for each, name in zip(readings[2:], ("sensor_gps", "airspeed"), strict=True)]
+    made, _ = assembled([*same, *readings[2:]], PX4, mapping)
+    assert {o.source for o in made} == {"sensor_gps", "airspeed (indicated)"}
+
+
+def test_each_engine_tells_its_own_speed():
+    speeds = reading(Quantity.PROPELLER, "ESC", 20.0, [np.nan, np.nan])
+    speeds.values[::2, 0], speeds.values[1::2, 1] = 6000.0, 5400.0
+    servos = reading(Quantity.PULSES, "RCOU", 10.0, [1500.0] * 4)
+    for engine, rpm in ((1, 6000.0), (2, 5400.0)):
+        mapping = servo_mapping_from_dict(
+            {
+                "outputs": {1: {"surface": "elevator", "us": [1000, 2000], "rad": [-0.4, 0.4]}},
+                "propeller": {"engine": engine},
+            }
+        )
+        made, _ = assembled([speeds, servos], DATAFLASH, mapping)
+        (surfaces,) = (o for o in made if o.topic == "control_surfaces")
+        np.testing.assert_allclose(surfaces.fields["propeller_speed"][1:], rpm * 2.0 * np.pi / 60.0)
+
+
+@pytest.mark.parametrize("frozen", [False, True])
+def test_the_pressure_goes_on_where_the_airspeed_falls_silent(frozen):
+    """A probe that fails takes along neither the density nor the height."""
+    speeds = reading(Quantity.AIRSPEED, "VFR_HUD", 5.0, [20.0], seconds=20.0 if frozen else 8.0)
+    speeds.values[:40, 0] += 0.01 * np.arange(40)  # up to 8 s
+    pressures = reading(Quantity.PRESSURE, "SCALED_PRESSURE", 5.0, [95000.0, 288.0])
+    made, _ = assembled([speeds, pressures], MAVLINK, servo_mapping_from_dict({}))
+    alone = np.concatenate([o.stamp for o in made if not np.isfinite(o.fields["true_airspeed"]).any()]) / 1e9
+    assert alone[0] == pytest.approx(10.0, abs=0.3) and alone[-1] > 19.5 and len(alone) > 45
+
+
+def test_an_offset_is_refused_of_an_airspeed_that_is_a_pressure():
+    settings = {"airspeed": {"source": "SCALED_PRESSURE", "offset": 1.5}}
+    with pytest.raises(InputError, match="offset of airspeed in the calibration file is a speed, and SCALED_PRESSURE"):
+        Assembler(MAVLINK, servo_mapping_from_dict(settings))
 
 
 def test_gps_velocity_waits_for_its_vertical_part_and_uses_the_newest():
