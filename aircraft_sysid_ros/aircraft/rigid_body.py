@@ -122,6 +122,17 @@ def moment_at_reference(moment: Array, force: Array, reference: Array) -> Array:
     return moment - cross(reference, force)
 
 
+def coefficients_about_gravity(reference: Array, span: float, chord: float) -> Array:
+    """(6, 6) that turns C_X … C_n about the aerodynamic reference point into those about the centre of gravity.
+
+    ``reference``: the point from the centre of gravity, FRD [m].
+    """
+    x, y, z = reference
+    turn = np.eye(6)
+    turn[3:, :3] = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]]) / np.array([[span], [chord], [span]])
+    return turn
+
+
 @njit(cache=True)
 def body_velocity_derivative(specific_force: Array, rates: Array, velocity: Array, gravity_b: Array) -> Array:
     """d/dt (u, v, w) [m/s^2] of the inertial velocity in body axes: (6.16)-(6.18), gravity in body axes."""

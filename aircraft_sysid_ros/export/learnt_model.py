@@ -17,6 +17,7 @@ import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, AerodynamicModel, model_from_terms
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
+from aircraft_sysid_ros.aircraft.rigid_body import coefficients_about_gravity
 from aircraft_sysid_ros.errors import InputError
 
 Array = npt.NDArray[np.float64]
@@ -157,10 +158,8 @@ class LearntModel:
     @cached_property
     def about_gravity(self) -> Array:
         """(6, 6) that turns C_X … C_n about the aerodynamic reference into those about the centre of gravity."""
-        x, y, z = self.aircraft.aerodynamic_reference
-        turn = np.eye(6)
-        turn[3:, :3] = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]]) / self.arms[:, None]
-        return turn
+        aircraft = self.aircraft
+        return coefficients_about_gravity(aircraft.aerodynamic_reference, aircraft.span, aircraft.chord)
 
     def reads(self, *axes: str) -> frozenset[str]:
         """Signals that terms with a value read in some axes."""

@@ -365,6 +365,41 @@ def test_what_two_ways_say_differently_is_not_stated(learnt):
     assert next(fact for fact in facts_of(some) if fact.key == "Cn_beta").reason == ""
 
 
+@pytest.mark.parametrize(
+    ("forward", "down", "keys"),
+    [
+        (0.25, 0.0, ("static_margin", "Cm_alpha", "Cm_q", "Cn_beta", "Cn_r", "elevator", "rudder")),
+        (0.0, 0.4, ("Cl_beta", "Cl_p", "aileron")),
+    ],
+)
+def test_stability_does_not_go_with_the_point_of_the_moments_in_the_file(learnt, aircraft, forward, down, keys):
+    """One aeroplane, its coefficients about the centre of gravity and about another point."""
+    model, chord, span = aircraft.model, aircraft.chord, aircraft.span
+    used = {name: ("USE", "") for name in model.parameter_names}
+    moved = Learnt(learnt[1], used)
+    moved.aircraft = replace(aircraft, aerodynamic_reference=chord * np.array([forward, 0.0, down]))
+    turn = np.eye(len(moved.values))
+    for name in model.parameter_names:
+        axis, term = name.split("_")
+        of = {"Cm": ("CZ", forward), "Cn": ("CY", -forward * chord / span), "Cl": ("CY", down * chord / span)}
+        if axis in of and f"{of[axis][0]}_{term}" in model.parameter_names:
+            turn[model.parameter_names.index(name), model.parameter_names.index(f"{of[axis][0]}_{term}")] = of[axis][1]
+    moved.values, moved.draws = turn @ moved.values, moved.draws @ turn.T
+    facts, same = ({fact.key: fact for fact in facts_of(each)} for each in (learnt[0], moved))
+    for key in keys:
+        assert (same[key].value, same[key].std) == pytest.approx((facts[key].value, facts[key].std), rel=1e-6), key
+        assert not same[key].reason
+
+
+def test_a_moment_about_the_centre_of_gravity_is_not_stated_where_its_force_is_not_known(learnt, aircraft):
+    verdicts = {name: ("USE", "") for name in aircraft.model.parameter_names} | {"CZ_alpha": ("HOLD", "no motion")}
+    at, moved = Learnt(learnt[1], verdicts), Learnt(learnt[1], verdicts)
+    assert not next(fact for fact in facts_of(at) if fact.key == "Cm_alpha").reason
+    moved.aircraft = replace(aircraft, aerodynamic_reference=np.array([0.25 * aircraft.chord, 0.0, 0.0]))
+    facts = {fact.key: fact for fact in facts_of(moved)}
+    assert facts["Cm_alpha"].reason == "CZ_alpha is HOLD: no motion" and not facts["elevator"].reason
+
+
 def test_a_stall_below_ordinary_flight_is_no_margin(learnt):
     usual = np.median(learnt[1].flight.signal("alpha"))
     margins = [next(f for f in facts_of(learnt[0], usual + x) if f.key == "stall_margin") for x in (0.1, -0.01)]

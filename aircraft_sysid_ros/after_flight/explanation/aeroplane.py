@@ -17,8 +17,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.aircraft.atmosphere import STANDARD_GRAVITY
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
+from aircraft_sysid_ros.aircraft.rigid_body import coefficients_about_gravity
 from aircraft_sysid_ros.diagnosis.compare import Comparison
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.flight_model.layout import (
@@ -203,8 +205,22 @@ class Learnt:
             seen = {name: self.flight.signal(name) for name in self.model.signal_names}
         return {name: float(np.median(x[np.isfinite(x)])) if np.isfinite(x).any() else 0.0 for name, x in seen.items()}
 
+    @cached_property
+    def about_gravity(self) -> Array:
+        """(6, 6) that turns C_X … C_n of the model into those about the centre of gravity."""
+        aircraft = self.aircraft
+        return coefficients_about_gravity(aircraft.aerodynamic_reference, aircraft.span, aircraft.chord)
+
     def row(self, axis: str, signal: str) -> Array:
-        """d C_axis / d signal at the conditions is this row (p,) times the parameters."""
+        """d C_axis / d signal at the conditions is this row (p,) times the parameters.
+
+        Moments are about the centre of gravity: where the model has them about another point, forces are part of them.
+        """
+        factors = zip(AXES, self.about_gravity[AXES.index(axis)], strict=True)
+        return np.sum([factor * self._own_row(each, signal) for each, factor in factors if factor], axis=0)
+
+    def _own_row(self, axis: str, signal: str) -> Array:
+        """The same with moments about the aerodynamic reference point."""
         row, part = np.zeros(len(self.values)), self.model.axis_slice(axis)
         at = {name: np.array([value, value]) for name, value in self.conditions.items()}
         for name in ("p", "q", "r", "beta", "alpha_dot", "beta_dot"):
@@ -219,10 +235,10 @@ class Learnt:
         """Why derivatives, by axis and signal, are not known; empty where they are."""
         reasons = []
         for axis, signal in derivatives:
-            parts = np.abs(self.row(axis, signal) * np.where(self.values, self.values, 1.0))
-            if not parts.any():
+            if not self._own_row(axis, signal).any():
                 reasons.append(f"the model of {axis[0]}_{axis[1]} has no {signal}")
                 continue
+            parts = np.abs(self.row(axis, signal) * np.where(self.values, self.values, 1.0))
             large = np.flatnonzero(parts > _PART * parts.max())
             reasons += [self.unknown[self.model.parameter_names[j]] for j in large]
         return next(filter(None, reasons), "")
