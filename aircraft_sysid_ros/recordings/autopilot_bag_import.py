@@ -25,14 +25,15 @@ from aircraft_sysid_ros.ros_messages.conversion import TOPICS
 
 _PX4 = "px4_msgs/"
 _OURS = {type_name for type_name in TOPICS.values() if type_name.startswith("aircraft_sysid_msgs/")}
+_FROM_AUTOPILOT = re.compile("fmu/out/|mavros/")
 _UNIX = 10**18  # [ns] 2001: more is Unix time, which uXRCE-DDS makes of the autopilot's when it synchronises
 
 
 def import_autopilot_bag(path: Path, mapping: ServoMapping | None = None) -> ImportedLog:
     """A bag as our topics; raises InputError for one that has neither MAVROS topics nor px4_msgs."""
     raw = read_raw(path)
-    px4 = {key: _snake(c.type) for key, c in raw.channels.items() if c.type.startswith(_PX4)}
-    mavros = {key: name for key, c in raw.channels.items() if (name := _mavros_name(c.topic)) in MAVROS}
+    px4 = {key: _px4_name(channel) for key, channel in raw.channels.items() if channel.type.startswith(_PX4)}
+    mavros = {key: name for key, c in raw.channels.items() if (name := _mavros_name(c.topic))[1] in MAVROS}
     if not px4 and not mavros:
         raise InputError(f"it has neither topics of MAVROS nor px4_msgs: it holds {raw.topic_names()[:300]}")
     if len(px4) >= len(mavros):
@@ -66,12 +67,13 @@ def _is_ours(raw: RawMessages) -> bool:
     return not of_mavros and any(channel.type in _OURS for channel in raw.channels.values())
 
 
-def _content(raw: RawMessages, form: str, names: dict[int, str], known: set[str]) -> LogContent:
-    """Batches of the known channels; of two channels with one name the first counts."""
+def _content(raw: RawMessages, form: str, named: dict[int, tuple[str, str]], known: set[str]) -> LogContent:
+    """Batches of the known channels of one vehicle; ``named``: namespaces and names."""
     batches: dict[str, Batch] = {}
-    notes = list(raw.notes)
+    names, other_vehicles = _of_one_vehicle(raw, named, known)
+    notes = [*raw.notes, *other_vehicles]
     for key, name in names.items():
-        if name not in known or name in batches or not len(raw.rows(key)):
+        if name not in known:
             continue
         channel = raw.channels[key]
         if channel.type not in channel_types(channel).fielddefs:
@@ -82,23 +84,43 @@ def _content(raw: RawMessages, form: str, names: dict[int, str], known: set[str]
             notes.append(f"{table.skipped} messages of {channel.topic} could not be decoded")
         if len(table.rows):
             batches[name] = Batch(name, table.stamp, _plain(table))
-    found = {_name(names, key, c): len(raw.rows(key)) for key, c in raw.channels.items() if len(raw.rows(key))}
+    found = {names.get(key, c.topic): len(raw.rows(key)) for key, c in raw.channels.items() if len(raw.rows(key))}
     return LogContent(form, list(batches.values()), found, notes)
 
 
-def _name(names: dict[int, str], key: int, channel: Channel) -> str:
-    return names.get(key, channel.topic)
+def _of_one_vehicle(
+    raw: RawMessages, named: dict[int, tuple[str, str]], known: set[str]
+) -> tuple[dict[int, str], list[str]]:
+    """Names by channel of the vehicle with the most known ones, then the most messages, and a note on the others.
+
+    Of two channels with one name that counts which comes from the autopilot, then the first.
+    """
+    count = {key: len(raw.rows(key)) for key in named}
+    vehicles: dict[str, dict[str, int]] = {}
+    for key in sorted(named, key=lambda key: not _FROM_AUTOPILOT.search(raw.channels[key].topic)):
+        if count[key]:
+            vehicle, name = named[key]
+            vehicles.setdefault(vehicle, {}).setdefault(name, key)
+    use = {v: [count[key] for name, key in keys.items() if name in known] for v, keys in vehicles.items()}
+    first, *others = sorted(vehicles, key=lambda v: (-len(use[v]), -sum(use[v]), v)) or [""]
+    under = {vehicle: f"/{vehicle}/" if vehicle else "/" for vehicle in vehicles}
+    left_out = ", ".join(under[vehicle] for vehicle in others if use[vehicle])
+    note = f"topics of several vehicles: those under {under.get(first)} are read, those under {left_out} are not"
+    names = {key: name for name, key in vehicles.get(first, {}).items()}
+    return names, [note] if left_out else []
 
 
-def _mavros_name(topic: str) -> str:
-    """Name relative to the namespace of MAVROS, whatever stands before it."""
-    _, marker, name = topic.partition("mavros/")
-    return name if marker else topic.strip("/")
+def _mavros_name(topic: str) -> tuple[str, str]:
+    """Namespace of a vehicle, and name relative to that of MAVROS in it."""
+    before, found, name = topic.strip("/").partition("mavros/")
+    return (before.strip("/"), name) if found else ("", before)
 
 
-def _snake(type_name: str) -> str:
-    """uORB topic of a px4_msgs type: px4_msgs/msg/SensorCombined is sensor_combined."""
-    return re.sub(r"(?<!^)(?=[A-Z])", "_", type_name.rsplit("/", 1)[-1]).lower()
+def _px4_name(channel: Channel) -> tuple[str, str]:
+    """Namespace of a vehicle, and uORB topic by the type: px4_msgs/msg/SensorCombined is sensor_combined."""
+    before, found, _ = channel.topic.strip("/").partition("fmu/")
+    name = re.sub(r"(?<!^)(?=[A-Z])", "_", channel.type.rsplit("/", 1)[-1]).lower()
+    return before.strip("/") if found else before.rpartition("/")[0], name
 
 
 def _plain(table: Columns) -> dict[str, npt.NDArray[Any]]:

@@ -151,7 +151,7 @@ def test_outputs_that_nobody_explains_wait_for_a_calibration(tmp_path):
     log.write_bytes(dataflash(FORMATS, dataflash_rows()))
     report, _ = run_import(log, tmp_path / "bag", None)
     assert report["missing"]["control_surfaces"].endswith("give a calibration file (--calibration)")
-    assert report["found"]["RCOU"]["state"].startswith("waits for a calibration file")
+    assert report["found"]["RCOU"]["state"].startswith("needs a calibration file")
     assert any("attitude: {std: 0.05}" in note for note in report["notes"])
 
 
@@ -507,6 +507,28 @@ def test_a_bag_of_mavros_topics(tmp_path, calibration, namespace):
     assert report["topics"]["gps/vel"]["source"].startswith("global_position/raw/gps_vel, vertical of local_position")
 
 
+@pytest.mark.parametrize(("types", "topic"), [(MAVROS_TYPES, "imu/data_raw"), (PX4_TYPES, "sensorcombined")])
+def test_of_a_bag_of_two_vehicles_one_is_read(tmp_path, types, topic):
+    """The IMU of one was mixed with the GPS of the other; here the first has no GPS."""
+    of_one = mavros_messages("") if types is MAVROS_TYPES else px4_messages(boot=False)
+    first, second = ([(at, f"/uav{i}{name}", *rest) for at, name, *rest in of_one] for i in (1, 2))
+    without_gps = [message for message in first if "NavSatFix" not in message[2] and "Gps" not in message[2]]
+    bag = write_bag(tmp_path / "two", types, [*without_gps, *second])
+    report, _ = run_import(bag, tmp_path / "bag")
+    assert "topics of several vehicles: those under /uav2/ are read, those under /uav1/ are not" in report["notes"]
+    (of_first,) = (name for name in report["found"] if name.startswith("/uav1/") and name.endswith(topic))
+    assert report["found"][of_first] == {"messages": COUNT, "state": "unused"}
+    assert report["topics"]["imu/data"]["messages"] == COUNT
+
+
+def test_what_px4_says_goes_before_what_it_is_told(tmp_path):
+    messages = px4_messages(boot=False)
+    told = [(at - 10**7, name.replace("/out/", "/in/"), *rest) for at, name, *rest in messages[:9]]
+    report, _ = run_import(write_bag(tmp_path / "px4", PX4_TYPES, [*told, *messages]), tmp_path / "bag")
+    assert report["topics"]["imu/data"]["messages"] == COUNT
+    assert report["found"]["/fmu/in/sensorcombined"]["state"] == "unused"
+
+
 def test_a_bag_of_mavros_topics_is_a_log_also_where_mavros_has_our_names(tmp_path):
     """``mavros/imu/data`` alone would be read as a recording without GPS, air data and surfaces."""
     messages = [
@@ -541,8 +563,8 @@ def test_a_source_of_airspeed_that_this_kind_of_log_has_not_is_refused(tmp_path,
         ("a.tlog", b"", "no heartbeat"),
         ("a.bin", b"", "does not begin"),
         ("a.ulg", b"", "not a readable ULog"),
-        ("a.csv", b"1,2", "cannot be imported: files that can are .mat"),
-        ("a.log", b"FMT, 128, 89, FMT, BBnNZ, Type", "import the .bin that it was made of"),
+        ("a.csv", b"1,2", "cannot be imported: supported are .mat"),
+        ("a.log", b"FMT, 128, 89, FMT, BBnNZ, Type", "import the .bin that it was made from"),
         ("a.log", dataflash({"MODE": FORMATS["MODE"]}, [("MODE", (1, 2, 3, 4))]), "nothing in it can be used"),
         ("a.bin", dataflash({"MODE": FORMATS["MODE"]}, [("MODE", (1, 2, 3, 4))]), "nothing in it can be used"),
     ],
@@ -574,7 +596,7 @@ def test_a_recording_of_ours_is_not_made_poorer_without_a_word(tmp_path):
 
 def test_the_recording_does_not_go_onto_the_log(tmp_path):
     bag = write_bag(tmp_path / "px4", PX4_TYPES, px4_messages(boot=False)[:50])
-    with pytest.raises(InputError, match="another place"):
+    with pytest.raises(InputError, match="must not be the log itself"):
         run_import(bag, bag)
     mat = tmp_path / "flight.mat"
     mat.write_bytes(b"x")
