@@ -54,7 +54,7 @@ from aircraft_sysid_ros.flight_model.layout import (
 from aircraft_sysid_ros.identification.coefficients.ground import ground_of
 from aircraft_sysid_ros.identification.coefficients.pace import sparse_interval
 from aircraft_sysid_ros.identification.coefficients.signals import named_inputs
-from aircraft_sysid_ros.reconstruction.filter_setup import measured_at, stamp_delays
+from aircraft_sysid_ros.reconstruction.filter_setup import measured_at, sensor_scales, stamp_delays
 from aircraft_sysid_ros.reconstruction.options import StateOptions
 from aircraft_sysid_ros.reconstruction.servo_lag import servo_lag
 from aircraft_sysid_ros.reconstruction.smoother_history import SmootherHistory
@@ -124,6 +124,8 @@ def record_of(aircraft: Aircraft, samples: Samples, rate: float, options: StateO
     samples = servo_lag(aircraft).follow(samples)
     times = measured_at(samples, stamp_delays(aircraft), estimator.epoch)
     values = np.where(is_absurd(samples), np.nan, samples.values)
+    values[:, 0] /= sensor_scales(aircraft)[samples.kind]
+    values = estimator.drift.without(times, samples.kind, values)
     inputs, missing = _inputs(aircraft, samples.kind, times, values, rows, states, time, first, every)
     origin = rows[first[0], StateField.ORIGIN]
     step = float(np.median(np.diff(time))) if len(time) > 1 else 1.0 / rate

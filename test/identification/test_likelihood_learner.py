@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, TEXTBOOK_TERMS, model_from_terms
+from aircraft_sysid_ros.effects.effect import with_setting
 from aircraft_sysid_ros.identification.coefficients.body import body_of, body_with
 from aircraft_sysid_ros.identification.estimators import likelihood_state as state
 from aircraft_sysid_ros.identification.estimators.maximum_likelihood import _model_with
@@ -229,3 +230,17 @@ def test_a_shifted_centre_of_gravity_moves_every_sensor(aircraft):
     for name in ("imu", "gps", "probe", "reference"):
         moved = np.subtract(getattr(after, name), getattr(before, name))
         np.testing.assert_allclose(moved, [-0.02, 0.0, 0.0], atol=1e-15, err_msg=name)
+
+
+def test_stated_errors_of_the_air_data_are_taken_off(aircraft, short):
+    """Of a vane that shows too little and aside, with a file that says so, the same is learnt."""
+    samples, file = short.samples, aircraft
+    vane = samples.kind == Kind.ANGLE_OF_ATTACK
+    values = samples.values.copy()
+    values[vane, 0] = 0.85 * (values[vane, 0] + 0.03)
+    for key, value in (("scale", 0.85), ("offset", 0.03)):
+        file = with_setting(file, ("sensors", "angle_of_attack", key), value)
+    right, found = fly(quick(aircraft), samples), fly(quick(file), replace(samples, values=values))
+    expected, std = values_and_stds(right)
+    assert np.isfinite(std).sum() > 20
+    np.testing.assert_allclose(values_and_stds(found)[0], expected, rtol=1e-6, atol=1e-8)

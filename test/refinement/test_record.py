@@ -6,6 +6,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from aircraft_sysid_ros.effects.effect import with_setting
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.flight_model.layout import CONTROL_COUNT, CONTROLS, INPUT_SIZE
 from aircraft_sysid_ros.refinement.record import record_of
@@ -126,3 +127,22 @@ def test_a_single_wild_value_is_left_out(still_flight, still_run, record):
 def test_samples_without_a_flight_are_refused(still_flight, still_run):
     with pytest.raises(InputError, match="no state"):
         record_of(still_flight.aircraft, still_run.samples[:10], 50.0)
+
+
+def test_stated_errors_of_the_air_data_are_taken_off(still_flight):
+    """A vane that shows too little and aside, an airspeed that drifts: with a file that says so, the same outputs."""
+    begin, end = still_flight.samples.stamp[[0, -1]]
+    samples = still_flight.samples[still_flight.samples.stamp < begin + (end - begin) // 3]
+    aircraft = still_flight.aircraft
+    right = record_of(aircraft, samples, 50.0)
+    since, values = right.time[0], samples.values.copy()
+    times = (samples.stamp - right.stamp[0]) * 1e-9
+    vane, speed = samples.kind == Kind.ANGLE_OF_ATTACK, samples.kind == Kind.AIRSPEED
+    values[vane, 0] = 0.85 * (values[vane, 0] + 0.03)
+    values[speed, 0] *= 1.1 * (1.0 + 0.01 * np.maximum(times[speed], 0.0))
+    stated = {("angle_of_attack", "scale"): 0.85, ("angle_of_attack", "offset"): 0.03, ("airspeed", "scale"): 1.1}
+    for key, value in {**stated, ("airspeed", "drift"): 0.01}.items():
+        aircraft = with_setting(aircraft, ("sensors", *key), value)
+    found = record_of(aircraft, replace(samples, values=values), 50.0)
+    np.testing.assert_allclose(found.outputs, right.outputs, rtol=1e-4, atol=2e-5)
+    assert since == found.time[0]
