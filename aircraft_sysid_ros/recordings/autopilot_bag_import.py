@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,7 @@ import numpy.typing as npt
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.mavlink.mavros_table import MAVROS
 from aircraft_sysid_ros.mavlink.px4_table import PX4, sample_time
-from aircraft_sysid_ros.mavlink.quantities import Batch
+from aircraft_sysid_ros.mavlink.quantities import Batch, Stamps
 from aircraft_sysid_ros.mavlink.servo_mapping import ServoMapping
 from aircraft_sysid_ros.recordings.autopilot_log import LogContent, import_content
 from aircraft_sysid_ros.recordings.imported_log import ImportedLog
@@ -22,6 +23,7 @@ from aircraft_sysid_ros.recordings.storage import read_raw
 from aircraft_sysid_ros.recordings.tables import Table as Columns
 from aircraft_sysid_ros.recordings.tables import table_of
 from aircraft_sysid_ros.ros_messages.conversion import TOPICS
+from aircraft_sysid_ros.stamps import NANOSECONDS
 
 _PX4 = "px4_msgs/"
 _OURS = {type_name for type_name in TOPICS.values() if type_name.startswith("aircraft_sysid_msgs/")}
@@ -38,8 +40,7 @@ def import_autopilot_bag(path: Path, mapping: ServoMapping | None = None) -> Imp
         raise InputError(f"it has neither topics of MAVROS nor px4_msgs: it holds {raw.topic_names()[:300]}")
     if len(px4) >= len(mavros):
         content = _content(raw, "bag of px4_msgs", px4, set(PX4))
-        batches = _with_sample_times(content.batches)
-        return import_content(LogContent(content.format, batches, content.found, content.notes), PX4, mapping)
+        return import_content(_with_sample_times(content), PX4, mapping)
     content = _content(raw, "bag of MAVROS topics", mavros, set(MAVROS))
     if _is_ours(raw):
         content.notes.append(
@@ -149,12 +150,35 @@ def _padded(rows: list[Any]) -> npt.NDArray[np.float64]:
     return values
 
 
-def _with_sample_times(batches: list[Batch]) -> list[Batch]:
-    """Stamps from the messages' own times; of those that count from the start, by the least delay to the recorder.
+def _with_sample_times(content: LogContent) -> LogContent:
+    """Stamps from the messages' own times; of those that count from a start, by the least delay to the recorder.
 
     px4_msgs have no header: the stamps so far are the times of recording.
     """
-    own = [sample_time(batch.fields) for batch in batches]
-    delays = [int(np.min(b.stamp - t)) for b, t in zip(batches, own, strict=True) if len(t) and t[0] < _UNIX]
-    offset = min(delays, default=0)
-    return [Batch(b.name, t + (offset if t[0] < _UNIX else 0), b.fields) for b, t in zip(batches, own, strict=True)]
+    if not content.batches:
+        return content
+    own = [sample_time(batch.fields) for batch in content.batches]
+    begins, offsets = _starts(np.concatenate([batch.stamp for batch in content.batches]), np.concatenate(own))
+    batches = []
+    for batch, time in zip(content.batches, own, strict=True):
+        offset = offsets[np.searchsorted(begins, batch.stamp, side="right")]
+        batches.append(replace(batch, stamp=np.where(time < _UNIX, time + offset, time)))
+    restarts = [f"the autopilot restarted {len(begins)} times"] if len(begins) else []
+    return replace(content, batches=batches, notes=[*content.notes, *restarts])
+
+
+def _starts(recorded: Stamps, own: Stamps) -> tuple[Stamps, Stamps]:
+    """When each start after the first was recorded [ns], and for each start the least of that time less the own [ns].
+
+    After a restart own times have gone back, and no message is as quick as those before; after one that was late
+    others are.
+    """
+    order = np.argsort(recorded, kind="stable")
+    recorded, own = recorded[order], own[order]
+    newest = np.maximum.accumulate(own)
+    recorded, own, newest = (times[(own > 0) & (own < _UNIX)] for times in (recorded, own, newest))
+    if not len(own):
+        return recorded, np.zeros(1, np.int64)
+    least = np.minimum.accumulate((recorded - own)[::-1])[::-1]
+    again = np.flatnonzero((np.diff(least) > NANOSECONDS) & (own[1:] < newest[1:] - NANOSECONDS)) + 1
+    return recorded[again], least[np.append(0, again)]

@@ -459,6 +459,27 @@ def test_a_bag_of_px4_msgs_is_decoded_by_its_own_definitions(tmp_path, calibrati
     assert report["found"]["sensor_combined"] == {"messages": COUNT, "state": "mapped"}
 
 
+def test_a_bag_of_px4_msgs_goes_on_after_a_restart(tmp_path):
+    """Two boots a minute apart were made one, whose samples alternated between them; a message of the first is late."""
+    (at, *late), *others = first = px4_messages(boot=True)
+    again = [(at + 60 * 10**9, *rest) for at, *rest in first]
+    bag = write_bag(tmp_path / "px4", PX4_TYPES, [(at + 2 * 10**9, *late), *others, *again])
+    report, recording = run_import(bag, tmp_path / "bag")
+    imu = of_kind(recording, Kind.IMU)
+    np.testing.assert_allclose((imu.stamp[[0, COUNT, -1]] - UNIX * 10**9) * 1e-9, [0.003, 60.003, 63.983], atol=1e-5)
+    assert len(imu) == 2 * COUNT and np.all(np.diff(imu.stamp) > 0)
+    assert "the autopilot restarted 1 times" in report["notes"]
+
+
+def test_a_bag_of_px4_msgs_whose_clocks_synchronise_midway(tmp_path):
+    """Its first samples were in 1970, or the later ones twice as far from it."""
+    since_boot, synchronised = px4_messages(boot=True), px4_messages(boot=False)
+    messages = [*since_boot[: len(since_boot) // 2], *synchronised[len(since_boot) // 2 :]]
+    report, recording = run_import(write_bag(tmp_path / "px4", PX4_TYPES, messages), tmp_path / "bag")
+    check_motion(recording, UNIX, stamp=4e-3)
+    assert not any("restarted" in note for note in report["notes"])
+
+
 MAVROS_TYPES = {
     "mavros_msgs/msg/VfrHud": (
         "std_msgs/Header header\nfloat32 airspeed\nfloat32 groundspeed\nint16 heading\nfloat32 throttle\n"
