@@ -56,7 +56,7 @@ def _read_file(path: Path) -> RawMessages:
     try:
         content, is_whole = decompress_prefix(compressed, allowed_size(len(compressed)))
     except Undecompressible as error:
-        raise InputError(f"{path} {error}: it is no recording") from None
+        raise InputError(f"{path} {error}: it is not a recording") from None
     notes = [] if is_whole else [f"{path.name} cannot be decompressed to its end: read up to there"]
     if inner.suffix == ".mcap":
         return read_mcap_data(np.frombuffer(content, np.uint8), path).with_notes(notes)
@@ -165,21 +165,24 @@ def _decompressed(messages: RawMessages) -> RawMessages:
 
 
 def _join(files: list[RawMessages], notes: Sequence[str]) -> RawMessages:
-    """The files of one recording as one: channels numbered anew; ties of log time in the order of files."""
+    """The files of one recording as one, alike channels too; ties of log time in the order of files."""
     if len(files) == 1:
         return files[0].with_notes(notes)
-    channels: dict[int, Channel] = {}
+    numbers: dict[Channel, int] = {}
     columns: list[tuple[Integers, Integers, Integers, Integers]] = []
     missing: Counter[str] = Counter()
     size = 0
     for file in files:
-        shift = max(channels, default=-1) + 1
-        channels.update({shift + key: channel for key, channel in file.channels.items()})
-        columns.append((file.channel + shift, file.log_time, file.start + size, file.length))
+        number = np.zeros(max(file.channels, default=0) + 1, np.int64)
+        for key, channel in file.channels.items():
+            number[key] = numbers.setdefault(channel, len(numbers))
+        columns.append((number[file.channel], file.log_time, file.start + size, file.length))
         missing.update(file.missing)
         size += len(file.data)
-    channel, log_time, start, length = (np.concatenate(column) for column in zip(*columns, strict=True))
+    of_channel, log_time, start, length = (np.concatenate(column) for column in zip(*columns, strict=True))
     order = np.argsort(log_time, kind="stable")
     data = np.concatenate([file.data for file in files])
-    joined = RawMessages(data, channel[order], log_time[order], start[order], length[order], channels, missing=missing)
+    channels = {number: channel for channel, number in numbers.items()}
+    places = (of_channel[order], log_time[order], start[order], length[order])
+    joined = RawMessages(data, *places, channels, missing=missing)
     return joined.with_notes((*notes, *(note for file in files for note in file.notes)))

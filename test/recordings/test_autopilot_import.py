@@ -2,6 +2,7 @@
 
 import argparse
 import json
+import shutil
 import subprocess
 import sys
 
@@ -478,6 +479,18 @@ def test_a_bag_of_px4_msgs_whose_clocks_synchronise_midway(tmp_path):
     report, recording = run_import(write_bag(tmp_path / "px4", PX4_TYPES, messages), tmp_path / "bag")
     check_motion(recording, UNIX, stamp=4e-3)
     assert not any("restarted" in note for note in report["notes"])
+
+
+def test_a_bag_of_several_files_is_read_to_its_end(tmp_path):
+    """Each file has channels of its own, of which those of the first alone counted."""
+    messages = px4_messages(boot=False)
+    for name, part in (("a", messages[:180]), ("b", messages[180:])):
+        write_bag(tmp_path / name, PX4_TYPES, part).joinpath(f"{name}.mcap").rename(tmp_path / f"{name}.mcap")
+        shutil.rmtree(tmp_path / name)
+    report, recording = run_import(tmp_path, tmp_path / "bag")
+    check_motion(recording, UNIX, stamp=1e-5)
+    assert report["found"]["sensor_combined"] == {"messages": COUNT, "state": "mapped"}
+    assert len(read_table(tmp_path, "/fmu/out/sensorcombined").stamp) == COUNT
 
 
 MAVROS_TYPES = {
