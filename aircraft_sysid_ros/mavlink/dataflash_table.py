@@ -1,8 +1,9 @@
 """ArduPilot's DataFlash messages to quantities.
 
 The reader has applied the formats' own scales (L: 1e-7 degrees, c: 0.01). FRD and NED, SI but for degrees, milligauss
-and microseconds of the servos. Where a message has instances (I), the first is taken. ARSP.Airspeed is indicated
-airspeed; AOA is what the autopilot works out, unless a vane feeds it.
+and microseconds of the servos. Where a message has instances (I), the first that is there is taken, of GPS receivers
+that with the most fixes. ARSP.Airspeed is indicated airspeed; AOA is what the autopilot works out, unless a vane feeds
+it.
 """
 
 from __future__ import annotations
@@ -22,15 +23,25 @@ from aircraft_sysid_ros.mavlink.quantities import (
 
 _TESLA_PER_MILLIGAUSS = 1e-7
 _KELVIN = 273.15
-_FIX_2D = 2
+_FIX_2D, _FIX_3D = 2, 3
 SERVO_COUNT = 14
 
 
 def _first(fields: Fields, values: Array) -> Array:
-    """Values of the first instance alone."""
+    """Values of the first instance alone that is there."""
     for name in ("I", "Instance"):
         if name in fields:
-            values[fields[name] != 0] = np.nan
+            values[~np.isin(fields[name], np.unique(fields[name])[:1])] = np.nan
+    return values
+
+
+def _receiver(fields: Fields, values: Array) -> Array:
+    """Values of the GPS receiver alone that has the most fixes, of equal ones the first."""
+    if "I" not in fields or not len(values):
+        return values
+    instances, which = np.unique(fields["I"], return_inverse=True)
+    fixes = np.bincount(which[fields["Status"] >= _FIX_3D], minlength=len(instances))
+    values[which != np.argmax(fixes)] = np.nan
     return values
 
 
@@ -44,14 +55,14 @@ def _magnetic(fields: Fields) -> Array:
 
 def _position(fields: Fields) -> Array:
     place = np.concatenate([np.radians(columns(fields, "Lat Lng")), columns(fields, "Alt")], axis=1)
-    return _first(fields, position_of_fix(place, np.full((len(place), 3), np.nan), fields["Status"]))
+    return _receiver(fields, position_of_fix(place, np.full((len(place), 3), np.nan), fields["Status"]))
 
 
 def _velocity(fields: Fields) -> Array:
     speed, course = columns(fields, "Spd")[:, 0], np.radians(columns(fields, "GCrs")[:, 0])
     velocity = np.stack([speed * np.cos(course), speed * np.sin(course), columns(fields, "VZ")[:, 0]], axis=1)
     velocity[fields["Status"] < _FIX_2D] = np.nan
-    return _first(fields, velocity)
+    return _receiver(fields, velocity)
 
 
 def _pressure(fields: Fields) -> Array:

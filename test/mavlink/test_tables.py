@@ -218,6 +218,23 @@ def test_logs_count_fixes_as_mavlink_does():
         assert np.isfinite(position.values[:, 0]).tolist() == [False, False, True, True, True, True]
 
 
+@pytest.mark.parametrize(("kinds", "best"), [((1, 6), 1), ((3, 6), 0), ((1, 1), 0)])
+def test_of_two_receivers_that_with_fixes_counts(kinds, best):
+    """The first was taken, also where it was dead."""
+    instance, status = np.arange(8) % 2, np.tile(kinds, 4)
+    place = {"Lat": np.full(8, 44.5) + instance, "Lng": np.full(8, 11.0), "Alt": np.full(8, 300.0)}
+    speed = {"Spd": 10.0 + instance, "GCrs": np.zeros(8), "VZ": np.zeros(8)}
+    found = readings_of(DATAFLASH, Batch("GPS", np.arange(8), {"I": instance, "Status": status, **place, **speed}))
+    assert all(reading.stamp.tolist() == [best, best + 2, best + 4, best + 6] for reading in found)
+    assert len(found) == (2 if max(kinds) >= 3 else 1)
+
+
+def test_without_the_first_instance_the_next_counts():
+    fields = {"I": np.array([1, 2, 1, 2]), "MagX": np.arange(4.0), "MagY": np.ones(4), "MagZ": np.ones(4)}
+    (field,) = readings_of(DATAFLASH, Batch("MAG", np.arange(4), fields))
+    assert field.stamp.tolist() == [0, 2]
+
+
 def test_without_a_receiver_there_is_no_fix_to_speak_of():
     assert not outputs(Assembler(MAVLINK), fix_message(dialect.GPS_FIX_TYPE_NO_GPS))
 
