@@ -142,6 +142,9 @@ def _found(
     def state(name: str) -> str:
         if name in used:
             return "mapped"
+        topic, instance, _ = name.partition("[")
+        if instance and topic in table:
+            return "not read: another instance is"
         if name not in table:
             return "unused"
         if name in waiting:

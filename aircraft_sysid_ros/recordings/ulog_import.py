@@ -34,7 +34,7 @@ def import_ulog(path: Path, mapping: ServoMapping | None = None) -> ImportedLog:
 
 
 def read_ulog(path: Path) -> LogContent:
-    """All messages of the first instance of every topic, stamped in Unix time where a GPS knew it."""
+    """All messages of one instance of every topic, stamped in Unix time where a GPS knew it."""
     try:
         from pyulog import ULog
     except ImportError:
@@ -44,14 +44,20 @@ def read_ulog(path: Path) -> LogContent:
     except Exception as error:  # pyulog raises TypeError, struct.error and its own
         reason = " ".join(str(error).split()) or type(error).__name__
         raise InputError(f"it is not a readable ULog ({reason})") from None
-    items = [item for item in log.data_list if item.multi_id == 0 and TIMES[1] in item.data]
-    data = {item.name: item.data for item in items}
+    items = {(item.name, item.multi_id): item.data for item in log.data_list if TIMES[1] in item.data}
+    read: dict[str, int] = {}
+    for name, instance in sorted(items, key=lambda key: (-_fixes(key[0], items[key]), key[1])):
+        read.setdefault(name, instance)
+    data = {name: columns for (name, instance), columns in items.items() if instance == read[name]}
     start, notes = _start(data)
     batches = [_batch(name, columns, start) for name, columns in data.items() if name in PX4]
-    found = {item.name: len(item.data[TIMES[1]]) for item in items}
+    found = {
+        name if instance == read[name] else f"{name}[{instance}]": len(columns[TIMES[1]])
+        for (name, instance), columns in items.items()
+    }
     if not log.file_corruption and _breaks_off(path):
         notes.append("the log breaks off in the middle of a message: what came before it was read")
-    if log.file_corruption or len(items) < sum(item.multi_id == 0 for item in log.data_list):
+    if log.file_corruption or any(TIMES[1] not in item.data for item in log.data_list):
         notes.append("the file is damaged in places: what could be read was")
     if log.dropouts:
         lost = sum(dropout.duration for dropout in log.dropouts) / 1000.0
@@ -66,6 +72,11 @@ def _breaks_off(path: Path) -> bool:
         while at < len(content):
             at += _MESSAGE_HEADER + int.from_bytes(content[at : at + 2], "little")
         return at != len(content)
+
+
+def _fixes(name: str, columns: dict[str, npt.NDArray[Any]]) -> int:
+    """How many fixes a topic has if it is of a GPS receiver: of several that with the most is read."""
+    return int(np.sum(columns.get("fix_type", np.zeros(0)) >= _FIX_3D)) if name in _GPS else 0
 
 
 def _start(data: dict[str, dict[str, npt.NDArray[Any]]]) -> tuple[int, list[str]]:

@@ -42,19 +42,23 @@ _ULOG_TYPES = {"uint64_t": "Q", "float": "f", "double": "d", "int32_t": "i", "ui
 
 
 def ulog(topics):
-    """Bytes of a ULog: topics {name: (fields, rows)}, fields "float[3] gyro_rad" …, rows of flat numbers."""
+    """Bytes of a ULog: topics {name: (fields, rows)}, fields "float[3] gyro_rad" …, rows of flat numbers.
+
+    A further instance of a topic is name[1].
+    """
     data = bytearray(b"ULog\x01\x12\x35\x01" + struct.pack("<Q", 1000))
     data += _message("B", bytes(40))
     samples = []
     for number, (name, (fields, rows)) in enumerate(topics.items()):
-        data += _message("F", f"{name}:{';'.join(fields)};".encode())
+        data += _message("F", f"{name.partition('[')[0]}:{';'.join(fields)};".encode())
         layout = "<"
         for field in fields:
             kind, _, count = field.split(" ")[0].partition("[")
             layout += (count.rstrip("]") or "1") + _ULOG_TYPES[kind]
         samples += [(row[0], number, struct.pack(layout, *row)) for row in rows]
     for number, name in enumerate(topics):
-        data += _message("A", struct.pack("<BH", 0, number) + name.encode())
+        name, _, instance = name.rstrip("]").partition("[")
+        data += _message("A", struct.pack("<BH", int(instance or 0), number) + name.encode())
     for _, number, content in sorted(samples):
         data += _message("D", struct.pack("<H", number) + content)
     return bytes(data)

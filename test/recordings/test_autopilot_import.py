@@ -345,6 +345,24 @@ def test_ulog(tmp_path, calibration, new_gps):
     assert report["topics"]["air_data"]["source"] == "airspeed (indicated)"
 
 
+@pytest.mark.parametrize("dead", ["vehicle_gps_position", "vehicle_gps_position[1]"])
+def test_of_a_ulog_the_receiver_with_fixes_is_read_and_other_instances_are_named(tmp_path, dead):
+    """The first instance counted, also where it was dead, and of the others nothing was said."""
+    topics = ulog_topics()
+    fields, rows = topics.pop("vehicle_gps_position")
+    topics |= {"vehicle_gps_position": (fields, rows), "vehicle_gps_position[1]": (fields, rows)}
+    topics[dead] = (fields, [(*row[:-1], 1) for row in rows[:7]])
+    topics["actuator_outputs[1]"] = topics["actuator_outputs"]
+    log = tmp_path / "flight.ulg"
+    log.write_bytes(ulog(topics))
+    report, recording = run_import(log, tmp_path / "bag")
+    check_motion(recording, UNIX)
+    assert report["found"]["vehicle_gps_position"] == {"messages": len(rows), "state": "mapped"}
+    left_out = "vehicle_gps_position[1]" if "[" in dead else "vehicle_gps_position[0]"
+    assert report["found"][left_out] == {"messages": 7, "state": "not read: another instance is"}
+    assert report["found"]["actuator_outputs[1]"] == {"messages": 40, "state": "not read: another instance is"}
+
+
 @pytest.mark.parametrize("cut", [0, 5])
 def test_a_ulog_that_breaks_off_says_so(tmp_path, cut):
     log, whole = tmp_path / "flight.ulg", ulog(ulog_topics())
