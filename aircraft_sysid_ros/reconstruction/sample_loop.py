@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from aircraft_sysid_ros.aircraft.atmosphere import density_of, temperature
+from aircraft_sysid_ros.aircraft.atmosphere import air_density, density_of, temperature
 from aircraft_sysid_ros.aircraft.frames import three
 from aircraft_sysid_ros.kernels import njit
 from aircraft_sysid_ros.reconstruction.air_data_errors import settle
@@ -56,10 +56,12 @@ def _is_flying(x: Array, rate: Array, values: Array, kind: int, setup: Setup) ->
 def _take(kind: int, values: Array, x: Array, p: Array, rate: Array, time: float, setup: Setup, memory: Memory) -> None:
     """Fuse or note one sample that is not an IMU sample."""
     if kind == _AIR:
-        if values[0] > 0.0:
-            memory.air[0] = values[0]
-        elif values[1] > 0.0:
-            memory.air[0] = density_of(values[1], temperature(setup.origin[2] - x[5]))
+        altitude = setup.origin[2] - x[5]
+        density = values[0]
+        if not density > 0.0 and values[1] > 0.0:
+            density = density_of(values[1], temperature(altitude))
+        if density > 0.0:
+            memory.air[0], memory.air[1], memory.air[2] = density, density / air_density(altitude), time
         if np.isnan(setup.origin[0]) and values[1] > 0.0:  # nothing else shows the height
             fuse(kind, values, x, p, rate, time, setup, memory)
         return

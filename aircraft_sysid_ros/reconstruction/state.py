@@ -229,7 +229,7 @@ class Memory(Record):
     imu: npt.NDArray[np.float64]  # (7,) time, specific force, angular rate as measured
     imu_before: npt.NDArray[np.float64]  # (7,) the sample before it
     sparse: npt.NDArray[np.int64]  # (1,) votes for an IMU that is slow, see ``sparse_imu``
-    air: npt.NDArray[np.float64]  # (1,) density [kg/m^3]
+    air: npt.NDArray[np.float64]  # (3,) newest density [kg/m^3], over that of the standard atmosphere, and when [s]
     fused: npt.NDArray[np.int64]  # (kinds,)
     rejected: npt.NDArray[np.int64]  # (kinds,)
     skipped: npt.NDArray[np.int64]  # (kinds,) not usable now, such as air data on the ground
@@ -290,7 +290,7 @@ def new_memory(kinds: int, wind_walk: float) -> Memory:
         imu=np.zeros(7),
         imu_before=np.full(7, -np.inf),
         sparse=np.zeros(1, np.int64),
-        air=np.array([np.nan]),
+        air=np.full(3, np.nan),
         fused=np.zeros(kinds, np.int64),
         rejected=np.zeros(kinds, np.int64),
         skipped=np.zeros(kinds, np.int64),

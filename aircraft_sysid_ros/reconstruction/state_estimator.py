@@ -243,6 +243,7 @@ class StateEstimator:
             self.watch.begin_anew(since)
         if not since <= SAME_FLIGHT:
             self.drift.begin_flight()
+            self.memory.air[:] = np.nan
             self._forget_slow_states()
         elif self._has_biases:
             self._p = self._p.copy()

@@ -115,6 +115,14 @@ def _suspected(nis: Array) -> float:
     return float(_FIRST_SUSPECT + (at if second < _ALONE * largest else len(own)))
 
 
+@njit(cache=True)
+def _density_at(altitude: float, time: float, air: Array) -> float:
+    """Density [kg/m^3]: as measured, later as much above or below that of the standard atmosphere as it was then."""
+    if abs(time - air[2]) < SENSOR_TIMEOUT or (air[0] > 0.0 and not np.isfinite(air[1] * air_density(altitude))):
+        return float(air[0])
+    return float(air_density(altitude) * (air[1] if air[1] > 0.0 else 1.0))
+
+
 @njit(inline="always")  # its memory is handed over array by array otherwise
 def write_row(
     row: Array, x: Array, p: Array, force: Array, rate: Array, time: float, setup: Setup, memory: Memory
@@ -129,8 +137,7 @@ def write_row(
         row[_ALPHA_OF_ROW] = np.nan
     if not (time - memory.last_fused[_BETA] < SENSOR_TIMEOUT or is_inferred(_BETA, time, x, p, setup, memory)):
         row[_BETA_OF_ROW] = np.nan
-    density = memory.air[0]
-    row[_DENSITY] = density if density > 0.0 else air_density(setup.origin[2] - x[_X_POSITION + 2])
+    row[_DENSITY] = _density_at(setup.origin[2] - x[_X_POSITION + 2], time, memory.air)
     row[_CONSISTENCY] = memory.recent_nis[0]
     row[_CONTRADICTION] = _suspected(memory.own_nis) if memory.recent_nis[0] > _UNEASY else 0.0
     fused, rejected = memory.fused, memory.rejected

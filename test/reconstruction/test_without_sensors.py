@@ -1,5 +1,7 @@
 """Flights that lack a sensor: the filter starts with what is there, is as good as it says, and loses no sample."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.stats import chi2, norm
@@ -356,3 +358,22 @@ def test_each_number_of_outputs_is_rejected_as_often_as_one(sigma):
 
 def test_a_gate_that_nothing_could_pass_by_chance_is_open():
     assert gate_thresholds(100.0).tolist() == [0.0, np.inf, np.inf, np.inf]
+
+
+def test_a_density_that_is_measured_no_more_follows_the_height(aircraft):
+    """On a hot day: as far below the standard atmosphere as it was, at the height that it is now."""
+    samples = simulate_samples(aircraft, seed=3, duration=25.0).samples
+    of_air, values = samples.kind == Kind.AIR, samples.values.copy()
+    values[of_air, 0] *= 0.9
+    kept = ~of_air | (samples.stamp < samples.stamp[0] + 12 * SECOND)
+    measured = estimated(aircraft, replace(samples, values=values))
+    rows = estimated(aircraft, replace(samples, values=values)[kept])
+    late = rows[:, StateField.TIME] > rows[0, StateField.TIME] + 16.0
+    density = rows[late, StateField.AIR_DENSITY]
+    np.testing.assert_allclose(density, measured[late, StateField.AIR_DENSITY], rtol=1e-3)  # noise of the last sample
+    assert len(np.unique(density)) > 0.9 * len(density)
+
+
+def estimated(aircraft, samples):
+    estimator = StateEstimator(aircraft)
+    return np.vstack([estimator.push(samples), estimator.flush()])

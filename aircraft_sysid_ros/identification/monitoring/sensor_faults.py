@@ -24,6 +24,7 @@ from aircraft_sysid_ros.kernels import njit
 from aircraft_sysid_ros.reconstruction.state import (
     CONTRADICTED,
     D_ACCELEROMETER_BIAS,
+    INFERRED,
     SUSPECTED,
     StateField,
     Status,
@@ -59,8 +60,10 @@ _ALPHA, _BETA, _WIND = StateField.ANGLE_OF_ATTACK, StateField.SIDESLIP, StateFie
 _BIASES = StateField.ACCELEROMETER_BIAS.start  # of the accelerometer, then of the gyro
 _BIAS_STD = StateField.STANDARD_DEVIATIONS.start + D_ACCELEROMETER_BIAS
 _BIAS_COUNT = 6
-_NO_GPS, _NO_AIR_DATA, _INERTIAL_ONLY, _OK = Status.NO_GPS, Status.NO_AIR_DATA, Status.INERTIAL_ONLY, Status.OK
-_WITHOUT_GPS = Status.WITHOUT_GPS
+_NO_GPS, _NO_AIR_DATA, _INERTIAL_ONLY = Status.NO_GPS, Status.NO_AIR_DATA, Status.INERTIAL_ONLY
+#: Statuses in which a vane measures each angle.
+_OF_ALPHA_VANE = tuple(int(status) for status, inferred in INFERRED.items() if "alpha" not in inferred)
+_OF_BETA_VANE = tuple(int(status) for status, inferred in INFERRED.items() if "beta" not in inferred)
 
 #: What is wrong, in words; the number of each is a bit of what ``evaluate`` returns.
 #: Those about one sensor, which say most, are the last of them.
@@ -171,13 +174,15 @@ def _lost(row: Array, memory: Memory) -> int:
         signs |= _LOST_GPS
     if status == _NO_AIR_DATA or status == _INERTIAL_ONLY:
         signs |= _LOST_AIRSPEED
-    if status == _OK or status == _WITHOUT_GPS:
-        alpha, beta = np.isfinite(row[_ALPHA]), np.isfinite(row[_BETA])
+    if status in _OF_ALPHA_VANE:
+        alpha = np.isfinite(row[_ALPHA])
         if memory.vanes[0] and not alpha:
             signs |= _LOST_ALPHA
+        memory.vanes[0] |= alpha
+    if status in _OF_BETA_VANE:
+        beta = np.isfinite(row[_BETA])
         if memory.vanes[1] and not beta:
             signs |= _LOST_BETA
-        memory.vanes[0] |= alpha
         memory.vanes[1] |= beta
     return signs
 
