@@ -78,7 +78,7 @@ def _drawing(path: Place) -> Iterator[None]:
     except ValueError as error:
         if not str(error).startswith("Format "):
             raise
-        raise InputError(f"{path} is no kind of picture that can be drawn: give it a name that ends in .png") from None
+        raise InputError(f"{path} is not a kind of picture that can be drawn: give it a name ending in .png") from None
 
 
 def _pandas() -> Any:
@@ -386,7 +386,7 @@ def _seconds(index: pandas.Index) -> np.ndarray:
     try:
         return np.asarray(index, dtype=np.float64)
     except (TypeError, ValueError):
-        raise InputError(f"the index of a table is its time in s, and '{echo(str(index[0]))}' is no number") from None
+        raise InputError(f"the index of a table is its time [s], but '{echo(str(index[0]))}' is not a number") from None
 
 
 def check(recording: Place | Recording, aircraft: Place | Mapping[str, Any] | Aircraft | None = None) -> Check:

@@ -28,7 +28,7 @@ def aircraft_of(given: Place | Mapping[str, Any] | Aircraft) -> Aircraft:
         return given
     if isinstance(given, Mapping):
         return aircraft_from_dict(given)
-    return load_aircraft(place_of(given, "an aircraft file, or what would stand in one"))
+    return load_aircraft(place_of(given, "an aircraft file, or its content"))
 
 
 def text_path(given: Place | None) -> str | None:
@@ -47,7 +47,7 @@ def options_by_name(given: Mapping[str, Any]) -> tuple[StateOptions, ParameterOp
     of_state, of_parameters = options_of(StateOptions), options_of(ParameterOptions)
     unknown = [name for name in given if name not in of_state and name not in of_parameters]
     if unknown:
-        raise InputError(f"'{unknown[0]}' is no option of replay: there are {', '.join([*of_state, *of_parameters])}")
+        raise InputError(f"'{unknown[0]}' is not an option of replay: it has {', '.join([*of_state, *of_parameters])}")
     known = {"measured_angles": not given.get("air_data_errors", False), **given}
     try:
         state = StateOptions(**{name: value for name, value in known.items() if name in of_state})

@@ -318,7 +318,7 @@ def recovered(run: str | Path) -> tuple[dict[str, Any], Path, Samples]:
     except (OSError, ValueError, RecursionError) as error:
         raise InputError(f"{path} cannot be recovered ({error}): its samples had not begun to come") from None
     if not isinstance(content, dict) or content.get("format") != _FORMAT:
-        raise InputError(f"{path / FLIGHT} is none of this version of the program: recover it with that which flew")
+        raise InputError(f"{path / FLIGHT} is of another version of the program: recover it with the version that flew")
     if not len(samples):
         raise InputError(f"{path} holds no samples: nothing had come when it was cut off; delete it")
     return content, path / AIRCRAFT, samples

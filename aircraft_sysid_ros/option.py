@@ -125,7 +125,7 @@ def _translated(kind: type[Any], error: ValidationError) -> InputError:
     known, place = options_of(kind), found["loc"][0]
     name = list(known)[place] if isinstance(place, int) else place
     if name not in known:
-        return OptionError(name, f"is no option: known are {', '.join(known)}")
+        return OptionError(name, f"is not an option: known are {', '.join(known)}")
     return known[name].refusal(name, found["input"])
 
 

@@ -54,7 +54,7 @@ def read_parameters(folder: Path) -> dict[str, dict[str, Any]]:
     parameters = {str(p["name"]): p for p in listed}
     for name, p in parameters.items():
         if p["status"] not in Trust.__members__:
-            raise _Impossible(f"holds {name} with a status that is none of {', '.join(Trust.__members__)}")
+            raise _Impossible(f"holds {name} with a status that is not one of {', '.join(Trust.__members__)}")
         if p["status"] == Trust.USE.name and not _are_finite(p["value"], p["std"]):
             raise _Impossible(f"holds {name} to USE without a finite value and standard error")
     return parameters
@@ -92,7 +92,7 @@ def lack_of_fit_of(folder: Path) -> dict[str, str]:
 def corrected_note(calibration: str) -> str:
     """For a run whose samples are corrected by the file of a calibration."""
     return (f"its samples are corrected by the calibration {calibration}: what is found from them now is what that has "
-            "left, and comes on top of it")  # fmt: skip
+            "left, and adds to it")  # fmt: skip
 
 
 def correction_of(folder: Path) -> str:
@@ -224,5 +224,5 @@ def not_a_run(path: str | Path) -> InputError:
             "or copy that file back"
         )
     if (folder / CALIBRATION).exists() or (folder / RESULT).exists():
-        return InputError(f"{path} is no run but a calibration: give the folder that replay or live has written")
-    return InputError(f"{path} is no run: make one with aircraft-sysid replay BAG --aircraft FILE --out RUN")
+        return InputError(f"{path} is a calibration and not a run: give the folder that replay or live has written")
+    return InputError(f"{path} is not a run: make one with aircraft-sysid replay BAG --aircraft FILE --out RUN")

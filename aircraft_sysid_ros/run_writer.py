@@ -296,7 +296,7 @@ def _check_target(path: Path, overwrite: bool) -> None:
     existing = next(folder for folder in (path, *path.absolute().parents) if folder.exists())
     if existing != path:  # said before a flight, not after it
         if not (existing.is_dir() and os.access(existing, os.W_OK | os.X_OK)):
-            raise InputError(f"cannot write the run {path}: {existing} is no folder that can be written to")
+            raise InputError(f"cannot write the run {path}: {existing} is not a folder that can be written to")
         return
     if not path.is_dir():
         raise InputError(f"{path} is a file: give the name of a folder for the run")

@@ -57,6 +57,11 @@ def balance_of(name: str, folder: Path, widest: float) -> ForceBalance:
     return force_balance(run.root, run.samples, widest)
 
 
+def times_in(flight: ForceBalance, found: dict[str, Any]) -> dict[str, float]:
+    """When what was found begins and ends [s from the first sample of the log]."""
+    return {name: (stamp - flight.recorded_from) * 1e-9 for name, stamp in found["stamps"].items()}
+
+
 def draw(said: dict[str, dict[str, Any]], folder: Path, figures: Path) -> None:
     """What the inputs were told, and the motion, with the times that were found."""
     import matplotlib
@@ -73,7 +78,7 @@ def draw(said: dict[str, dict[str, Any]], folder: Path, figures: Path) -> None:
     ):  # fmt: skip
         plot.plot(alfa.time, values, "k", lw=0.8)
         plot.set_ylabel(label)
-    _mark(axes, said["alfa"])
+    _mark(axes, alfa, said["alfa"])
     axes[-1].set_xlabel("time in log [s]")
     figure.savefig(figures / "alfa_engine.png", dpi=100)
     commands, actuators = (balance_of(name, folder, 4.0) for name in ("commands", "actuators"))
@@ -88,7 +93,7 @@ def draw(said: dict[str, dict[str, Any]], folder: Path, figures: Path) -> None:
     axes[0].legend(fontsize=8)
     axes[-1].set_xlim(60.0, 95.0)
     axes[-1].set_xlabel("time in log [s]")
-    _mark(axes, said["commands"])
+    _mark(axes, commands, said["commands"])
     figure.savefig(figures / "paparazzi_elevon.png", dpi=100)
 
 
@@ -103,7 +108,7 @@ def story(flight: ForceBalance, said: dict[str, Any], figures: Path) -> dict[str
     simulated through it without looking at the motion.
     """
     (found,) = (each for each in said["candidates"] if each["found"])
-    begin, end = (found["inner"][key] for key in ("t0", "t1"))
+    begin, end = (times_in(flight, found)[key] for key in ("t0", "t1"))
     position = found["level"]
     rate = np.degrees(flight.signal("p") * 2.0 * flight.signal("V") / flight.aircraft.span)
     time, pressure = flight.time, flight.signal("qbar") / np.mean(flight.signal("qbar"))
@@ -143,9 +148,9 @@ def story(flight: ForceBalance, said: dict[str, Any], figures: Path) -> dict[str
     return {"begin": begin, "end": end, "position": position, "rms": errors, "label": found["label"]}
 
 
-def _mark(axes: Any, said: dict[str, Any]) -> None:
+def _mark(axes: Any, flight: ForceBalance, said: dict[str, Any]) -> None:
     for candidate in said["candidates"]:
-        for time in candidate["inner"].values():
+        for time in times_in(flight, candidate).values():
             for plot in axes:
                 plot.axvline(time, color="#0072B2", ls="--", lw=1.0)
 

@@ -17,9 +17,9 @@ NODES = ("state_estimator", "parameter_estimator")
 PARAMETERS = {
     "aircraft_file": "path of the aircraft file (YAML)",
     "calibration_file": "path of a calibration file of `aircraft-sysid calibrate` (YAML)",
-    "input_reliability": "best_effort, or reliable: asks publishers for every sample, as of a playback",
+    "input_reliability": "best_effort, or reliable: asks publishers for every sample, as for a playback",
     "autostart": "false: a lifecycle manager configures and activates the nodes",
-    "use_sim_time": "true: the clock is that of /clock, as of a playback",
+    "use_sim_time": "true: the clock is that of /clock, as for a playback",
     "frame_prefix": "put before every frame that is named, such as uav1/",
     "publish_tf": "true: /tf too",
 }

@@ -43,7 +43,7 @@ def test_what_is_declared_is_read_back() -> None:
         ({"count": 2.5}, "count must be between 1 and 9, not 2.5"),
         ({"form": "wide"}, "form must be one of long, short or none, not 'wide'"),
         ({"loud": 1}, "loud must be true or false, not 1"),
-        ({"wiat": 1.0}, "wiat is no option: known are wait, count, form, loud"),
+        ({"wiat": 1.0}, "wiat is not an option: known are wait, count, form, loud"),
     ],
 )
 def test_a_bad_value_is_one_sentence(values, sentence) -> None:

@@ -24,7 +24,8 @@ def test_an_elevon_that_software_held_is_named_with_both_times(shared_data, tmp_
     said = real_failures.said_of("commands", shared_data, tmp_path)
     (found,) = said["candidates"]
     assert (found["effect"], found["input"]) == ("stuck_control", "elevon_right")
-    assert abs(found["inner"]["t0"] - HELD[0]) < 2.0 and abs(found["inner"]["t1"] - HELD[1]) < 2.0
+    times = real_failures.times_in(real_failures.balance_of("commands", tmp_path, 4.0), found)
+    assert abs(times["t0"] - HELD[0]) < 2.0 and abs(times["t1"] - HELD[1]) < 2.0
     assert any("taken as calm" in note for note in said["notes"]) and any("wind of" in note for note in said["notes"])
     parameters = (tmp_path / "commands_run" / "parameters.json").read_text()
     assert '"USE"' not in parameters, "the air was taken as calm, and was not"
@@ -41,7 +42,8 @@ def test_nothing_is_named_where_the_servos_own_pulses_are_read(shared_data, tmp_
 def test_an_engine_that_was_cut_is_dated_and_nothing_else_named(shared_data, tmp_path) -> None:
     said = real_failures.said_of("alfa", shared_data, tmp_path)
     (found,) = said["candidates"]
-    assert found["effect"] == "loss_of_thrust" and abs(found["inner"]["t0"] - CUT) < 5.0
+    times = real_failures.times_in(real_failures.balance_of("alfa", tmp_path, 1.0), found)
+    assert found["effect"] == "loss_of_thrust" and abs(times["t0"] - CUT) < 5.0
     parameters = (tmp_path / "alfa_run" / "parameters.json").read_text()
     assert '"USE"' not in parameters, "10 Hz and pulses at 3 Hz tell no derivative"
     _added_and_taken_back(tmp_path / "alfa_run", found)

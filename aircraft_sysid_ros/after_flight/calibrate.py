@@ -122,7 +122,7 @@ def _flight(source: str, needed: tuple[str, ...]) -> tuple[Samples, list[str]]:
 
 def _check(options: CalibrationOptions) -> None:
     if options.what not in SECTIONS:
-        raise InputError(f"{echo(options.what)} is no calibration: there are {', '.join(SECTIONS)}")
+        raise InputError(f"{echo(options.what)} is not a calibration: there are {', '.join(SECTIONS)}")
     if not 0.0 <= options.begin < np.inf:
         raise InputError(f"--from must be zero or more seconds, not {options.begin:g}")
     if not options.begin < options.end:
@@ -134,7 +134,7 @@ def _check(options: CalibrationOptions) -> None:
     if not all(np.isfinite(k) and k > 0.0 for k in options.sensitivity):
         raise InputError("--sensitivity must be two positive numbers per rad")
     if options.what != "five-hole" and (options.curve, options.wind) != ("auto", "auto"):
-        raise InputError("--curve and --wind are of the five-hole probe")
+        raise InputError("--curve and --wind are for the five-hole probe")
     if options.field_strength is not None and not 0.0 < options.field_strength < np.inf:
         raise InputError(f"--field-strength must be positive, not {options.field_strength:g}")
     if options.out and (Path(options.out) / CALIBRATION).exists() and not options.overwrite:
@@ -151,7 +151,7 @@ def _check_target(folder: Path) -> None:
     parents.append(next(parent for parent in folder.absolute().parents if parent.exists()))
     for parent in parents:
         if not (parent.is_dir() and os.access(parent, os.W_OK | os.X_OK)):
-            raise InputError(f"cannot write {folder}: {parent} is no folder that can be written to")
+            raise InputError(f"cannot write {folder}: {parent} is not a folder that can be written to")
 
 
 def _aircraft(options: CalibrationOptions) -> Aircraft:
@@ -161,9 +161,7 @@ def _aircraft(options: CalibrationOptions) -> Aircraft:
         return load_aircraft(Path(options.source) / AIRCRAFT)
     if options.what == "magnetometer":
         return load_aircraft(config_path(DEFAULT_AIRCRAFT))
-    raise InputError(
-        f"calibrate {options.what} needs --aircraft: the place of the probe and the delays are in that file"
-    )
+    raise InputError(f"calibrate {options.what} needs --aircraft: it holds the position of the probe and the delays")
 
 
 def _needed(options: CalibrationOptions, before: Calibration | None) -> tuple[str, ...]:

@@ -42,7 +42,7 @@ class CheckedRecording:
 
     @property
     def json(self) -> dict[str, Any]:
-        """The JSON of INTERFACE.md, with more about each parameter."""
+        """What ``check --json`` prints, with more about each parameter."""
         checked = self.checked
         return {
             "recording": self.path,
@@ -92,7 +92,7 @@ def _unnamed(recording: Recording, aircraft: Aircraft | None) -> list[str]:
         return unnamed_notes(recording)
     if not recording.unnamed:
         return []
-    return [f"the inputs {listed(recording.unnamed)} are looked at where an aircraft file names them: give --aircraft"]
+    return [f"the inputs {listed(recording.unnamed)} are checked if an aircraft file names them: give --aircraft"]
 
 
 def flight_of_recording(recording: Recording, aircraft: Aircraft | None) -> Flight:

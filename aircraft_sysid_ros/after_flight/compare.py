@@ -33,18 +33,18 @@ class ComparedRun:
         """What a user should know of the numbers."""
         notes = [*self.run.notes, *self.comparison.notes]
         if self.run.samples is None:
-            unsmoothed = "errors are those of the filter, with its settling"
+            unsmoothed = "errors are those of the filter, start-up included"
             notes.append(f"the run holds no samples: {unsmoothed}; replay the recording again")
         if late := self.run.late_surfaces(self.run.current.aircraft):
             notes.append(
-                f"{late_words(late)}, as the flight shows, and are taken here as they are recorded: some of what is "
-                "more than noise is that; diagnose says how they are late, and add takes it in"
+                f"{late_words(late)}, as the flight shows, but are used here as recorded: part of the error above the "
+                "noise is that; diagnose says how late they are, and add corrects it"
             )
         return notes
 
     @property
     def json(self) -> dict[str, Any]:
-        """The JSON of INTERFACE.md, with the model."""
+        """What ``compare --json`` prints, with the model."""
         responses = [response.json for response in self.responses]
         told = {**self.comparison.json, "frequency_responses": responses, "notes": self.notes}
         return {"model": self.run.current.identifier, **told}

@@ -28,19 +28,20 @@ def delay_notes(parameters: Identifier) -> list[str]:
     size = f"{1e3 * abs(late.time):.0f} ± {1e3 * 2.0 * float(np.sqrt(late.variance)):.0f} ms"
     if late.course.is_lag:
         after = f"{1e3 * late.course.dead_time:.0f} ms later and " if late.course.dead_time else ""
-        what = f"surfaces follow what is recorded of them {after}with a lag of {size} (servos)"
+        what = f"surfaces follow their records {after}with a lag of {size} (servos)"
     elif late.time > 0.0:
         what = f"motion comes {size} later than the recorded surfaces (servos, filters, stamps)"
     else:
         what = f"motion comes {size} before the recorded surfaces (filters, stamps)"
-    doubt = "" if late.probability > _SURE_OF_WAY else ", or as well in another way as late"
-    freed = "parameters are freed of it"
+    doubt = "" if late.probability > _SURE_OF_WAY else ", or another mix of delay and lag, which fits as well"
+    freed = "parameters are corrected for it"
     if parameters.learning.lends:
-        freed = f"those of {parameters.learning.published['published']} are not freed of it, but the surer only by it"
+        by = parameters.learning.published["published"]
+        freed = f"the parameters of {by} are not corrected for it, their standard errors allow for it"
     said = ", ".join(f"{key}: {value:.3f}" for key, (value, _) in found.items())
     return [
         f"{what}{doubt}, and {freed}; `{said}` of control_surfaces under `sensors` of the aircraft file says so from "
-        "the start, `replay --learn-sensors` writes it as found, and `diagnose` tells a delay from a lag more finely"
+        "the start, `replay --learn-sensors` writes what was found, and `diagnose` separates a delay from a lag better"
     ]
 
 
@@ -51,6 +52,6 @@ def _contradicted(aircraft: Aircraft, late: float, std: float) -> str:
     shown = f"{1e3 * abs(late):.0f} ± {1e3 * 2.0 * std:.0f} ms {'later' if late > 0.0 else 'earlier'}"
     return (
         f"the aircraft file gives the control surfaces {' and '.join(said) or 'no delay and no lag'}, and this flight "
-        f"shows them {shown} than that: what the file says is used, and parameters are wrong by it; `diagnose` says "
-        "which it is, or say nothing of the IMU and of control_surfaces but their noise, to have it found"
+        f"shows them {shown} than that: the value of the file is used, and if it is wrong, so are parameters; "
+        "`diagnose` says which is right, or give only the noise of the IMU and of control_surfaces, to have it found"
     )

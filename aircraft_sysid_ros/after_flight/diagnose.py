@@ -17,7 +17,9 @@ FEWEST, MOST = 2, 50
 
 
 def diagnose(runs: Sequence[str | Path], replicas: int = COUNT, tell: Tell = nobody) -> dict[str, Any]:
-    """The JSON of INTERFACE.md with the ``file`` that keeps it; nothing is written of several runs. Raises InputError.
+    """What ``diagnose --json`` prints, with the ``file`` that keeps it; nothing is written of several runs.
+
+    Raises InputError.
 
     ``replicas``: flights without the effect that the evidence is compared with.
     """

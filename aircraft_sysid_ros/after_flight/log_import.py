@@ -29,7 +29,7 @@ def import_log(
     """
     path = _there(log)
     if not out:
-        raise InputError("say with --out where the recording shall be written")
+        raise InputError("give with --out where to write the recording")
     if calibration and (why := why_no_calibration(path, columns)):
         raise InputError(f"--calibration is for logs of autopilots: {why}")
     if columns:
@@ -51,7 +51,7 @@ def import_log(
 def why_no_calibration(log: Path, columns: str | Path | None) -> str:
     """Why a calibration file says nothing of a log; empty where it says what servo outputs mean."""
     if columns:
-        return "the map says units and signs itself"
+        return "the map itself gives units and signs"
     return "a .mat file needs none" if log.suffix.lower() == ".mat" else ""
 
 
@@ -65,7 +65,7 @@ def _there(log: str | Path) -> Path:
 def _unknown(path: Path, why: str = "") -> InputError:
     """The error for what says not itself what it is."""
     return InputError(
-        f"{path} cannot be imported: files that can are {', '.join(KINDS)}, and bags; "
+        f"{path} cannot be imported: supported are {', '.join(KINDS)}, and bags; "
         f"tables need --map MAP.yaml, which `aircraft-sysid import {path} --guess MAP.yaml` begins{why}"
     )
 
@@ -81,7 +81,7 @@ def _kind_of(path: Path) -> str:
     except OSError:  # a folder, or what nobody may read: who reads it says so
         return ""
     if head.startswith(b"FMT,"):
-        raise InputError(f"{path} is a DataFlash log as text: import the .bin that it was made of")
+        raise InputError(f"{path} is a DataFlash log as text: import the .bin that it was made from")
     return next((kind for magic, kind in _MAGIC.items() if head.startswith(magic)), "")
 
 
@@ -132,7 +132,7 @@ def _outputs_of(calibration: str | None) -> ServoMapping | None:
         return None
     mapping = load_servo_mapping(calibration)
     if replace(mapping, outputs={}) != ServoMapping():
-        raise InputError(f"calibration file {calibration}: of tables only 'outputs' are read, say all else in a map")
+        raise InputError(f"calibration file {calibration}: for tables only 'outputs' is read, put the rest into a map")
     return mapping
 
 
@@ -168,7 +168,7 @@ def _import_autopilot(
     from aircraft_sysid_ros.recordings.imported_log import write_log
 
     if path.resolve() == Path(out).resolve():
-        raise InputError("--out must be another place than the log")
+        raise InputError("--out must not be the log itself")
     mapping = load_servo_mapping(calibration) if calibration else None
     try:
         log = importer(path, mapping)
@@ -178,7 +178,7 @@ def _import_autopilot(
         raise InputError(f"cannot read {path}: {error.strerror or error}") from None
     except (LookupError, TypeError, ValueError, OverflowError) as error:  # a name or a shape of another kind of message
         what = echo(f"{type(error).__name__}: {error}")
-        raise InputError(f"{path} is damaged: a message in it is not what its kind is ({what})") from None
+        raise InputError(f"{path} is damaged: a message in it does not match its type ({what})") from None
     return write_log(log, path, out, overwrite=overwrite)
 
 

@@ -37,7 +37,7 @@ def refine_run(
     InputError.
     """
     if method not in METHODS:
-        raise InputError(f"{echo(method)} is no method of refine: it has {' and '.join(METHODS)}")
+        raise InputError(f"{echo(method)} is not a method of refine: it has {' and '.join(METHODS)}")
     options = with_options(RefineOptions(), segment)
     opened = open_run(path)
     version = opened.current if model is None else version_named(opened, model)
@@ -68,7 +68,7 @@ def with_late_surfaces(data: RunData, late: Mapping[str, tuple[float, float]]) -
     aircraft = data.aircraft
     for key, (value, _) in late.items():
         aircraft = with_setting(aircraft, ("sensors", CONTROLS, key), value)
-    return replace(data, aircraft=aircraft), [f"{late_words(late)}, as the flight shows: state what you know"]
+    return replace(data, aircraft=aircraft), [f"{late_words(late)}, as the flight shows: state what is known"]
 
 
 def refined_name(method: str) -> str:
@@ -92,7 +92,8 @@ def refined_sentences(result: dict[str, Any]) -> list[str]:
     if result["worse"]:
         axes = " ".join(f"C_{axis[1]}" for axis in result["worse"])
         sentences.append(
-            f"WORSE THAN BEFORE: where nothing was fitted, {axes} predicted worse than by the parameters that it began "
-            "with. The model seems to lack something, see aircraft-sysid diagnose RUN: do not use what was refined"
+            f"WORSE THAN BEFORE: where nothing was fitted, {axes} predicted worse than with the parameters that it "
+            "began with. The model seems to lack something, see aircraft-sysid diagnose RUN: do not use the refined "
+            "values"
         )
     return sentences

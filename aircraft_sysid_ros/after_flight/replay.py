@@ -137,10 +137,10 @@ def _flown(
 
 def _taken_there(position: list[Any], is_written: bool) -> str:
     text = json.dumps(position, ensure_ascii=False)
-    live = "and the file that is written has it" if is_written else f"so write `air_data_position: {text}` into it"
+    live = "and the file that is written holds it" if is_written else f"so write `air_data_position: {text}` there"
     return (
-        f"the aircraft file does not say where the vane of the angle of attack is: it is taken {position[1]} m to the "
-        f"right of the centre of gravity, as this flight shows it. Live needs that from the start, {live}"
+        f"the aircraft file does not say where the angle of attack vane is: it is taken {position[1]} m to the "
+        f"right of the centre of gravity, as this flight shows. Live needs that from the start, {live}"
     )
 
 
@@ -155,7 +155,7 @@ def _prepared(recording: Recording, correction: Correction | None) -> Recording:
 def _check_new_file(path: Path, overwrite: bool) -> None:
     """Before the flight, not after it, whether the aircraft file can be written."""
     if path.is_dir() or not path.absolute().parent.is_dir():
-        raise InputError(f"--learn-sensors {path}: give the name of a file in a folder that is there")
+        raise InputError(f"--learn-sensors {path}: give a file in a folder that exists")
     if path.exists() and not overwrite:
         raise InputError(f"the aircraft file {path} is already there: give another name or --overwrite")
 
@@ -186,7 +186,7 @@ def require_sensors(recording: Recording, uses_probe: bool) -> None:
     recording.require(["imu/data", *["five_hole_probe"] * uses_probe])
     if not any(recording.topics.get(topic) for topic in ("gps/fix", "gps/vel", "air_data", "five_hole_probe")):
         raise InputError(
-            f"the recording {recording.path} has neither GPS nor air data: beside /imu/data one of /gps/fix, /gps/vel "
+            f"the recording {recording.path} has neither GPS nor air data: besides /imu/data one of /gps/fix, /gps/vel "
             f"and /air_data is needed, and it holds {', '.join('/' + topic for topic in recording.topics)}"
         )
 
@@ -195,11 +195,11 @@ def _check(options: ReplayOptions, bags: Sequence[str]) -> None:
     if options.learn_sensors:
         _check_new_file(Path(options.learn_sensors), options.overwrite)
     if options.state.air_data_errors and options.smooth:
-        raise InputError("--smooth has no place for the errors of --air-data-errors: leave one of them out")
+        raise InputError("--smooth cannot estimate the errors of --air-data-errors: leave one of them out")
     if options.stage_1 is not None and not options.state.air_data_errors:
         raise InputError("--stage-1 starts the states of --air-data-errors: give that too")
     if options.stage_1 is not None and (len(bags) > 1 or options.segments):
-        raise InputError("--stage-1 starts one flight, and each manoeuvre starts over: leave it out")
+        raise InputError("--stage-1 is for one flight, and here each manoeuvre starts over: leave it out")
     if options.stage_1 is not None and not SHORTEST <= options.stage_1 <= LONGEST:
         raise InputError(f"--stage-1 must be between {SHORTEST:g} and {LONGEST:g} s, not {options.stage_1:g}")
 

@@ -45,10 +45,10 @@ from aircraft_sysid_ros.stamps import NANOSECONDS, nanoseconds
 _START_WITH = {
     "gps_position": ("GPS position", "gps/fix", "no fix (status -1, or latitude and longitude 0) or no usable numbers"),
     "gps_velocity": ("GPS velocity", "gps/vel", "no usable numbers"),
-    "airspeed": ("airspeed", "air_data", "no usable numbers or stand still"),
+    "airspeed": ("airspeed", "air_data", "no usable numbers, or values that never change"),
 }
 _WHAT_TO_RECORD = (
-    "record the airspeed or GPS; with GPS and no airspeed calm_air (--calm-air) takes the speed over ground for it"
+    "record the airspeed or GPS; with GPS and no airspeed calm_air (--calm-air) uses the speed over ground instead"
 )
 #: Share of the mass of the aircraft file from which a recorded one is another loading.
 _OTHER_MASS = 0.03
@@ -94,7 +94,7 @@ def sensor_findings(pipeline: Pipeline) -> list[Finding]:
         if each.slow is not None and (heading := float(np.rad2deg(each.slow[2]))) > HEADING_OFF:
             sentence = (
                 f"it is off by {heading:.0f}° (rms) against the course and what turns show, more than any magnetometer "
-                "that was calibrated: calibrate it, and look at how the autopilot is mounted"
+                "that was calibrated: calibrate it, and check how the autopilot is mounted"
             )
             found.append(Finding(("attitude.yaw",), "offset", WARNING, sentence))
     return found
@@ -118,7 +118,7 @@ def flight_notes(state: StateEstimator, parameters: Identifier) -> list[str]:
         found.append(f"the clock leapt {'once' if times == 1 else f'{times} times'}")
     for axis, when, count in parameters.learning.changes.alarms():
         again = f" ({count} times)" * (count > 1)
-        found.append(f"{axis} changed at {when:.1f} s of flight and was learnt anew{again}")
+        found.append(f"{axis} changed at {when:.1f} s of flight and was relearnt{again}")
     holds = parameters.learning.integrity.summary()
     if times := holds["holds"]:
         newest = f"; at the end {holds['held']}" if holds["held"] else ""
@@ -130,9 +130,7 @@ def flight_notes(state: StateEstimator, parameters: Identifier) -> list[str]:
         )
     if state.realignments:
         times = state.realignments
-        found.append(
-            f"the filter aligned anew {'once' if times == 1 else f'{times} times'} after gaps or contradictions"
-        )
+        found.append(f"the filter realigned {'once' if times == 1 else f'{times} times'} after gaps or contradictions")
     return found
 
 
@@ -142,7 +140,7 @@ def estimator_notes(parameters: Identifier) -> list[str]:
     choice = parameters.learning.choice
     if choice is None or (choice.successor is None and not parameters.learning.lends):
         return []
-    return [f"the parameters are those of {chosen['published']}, chosen by itself: {chosen['why']}"]
+    return [f"the parameters are those of {chosen['published']}, chosen automatically: {chosen['why']}"]
 
 
 def prior_notes(parameters: Identifier) -> list[str]:
@@ -158,7 +156,7 @@ def manoeuvre_notes(body: Body, pipeline: Pipeline, writer: RunWriter) -> list[s
     states = manoeuvre_at(body.recording.samples, nanoseconds(writer.state_times, epoch))
     points = manoeuvre_at(body.recording.samples, nanoseconds(writer.point_times, epoch))
     for number, manoeuvre in enumerate(body.manoeuvres):
-        unused = f"the manoeuvre '{manoeuvre.segment.name}' gives nothing:"
+        unused = f"the manoeuvre '{manoeuvre.segment.name}' contributes nothing:"
         if not np.any(states == number):
             alone = StateEstimator(pipeline.state.aircraft, pipeline.state.options)
             alone.push(manoeuvre.samples)
@@ -169,9 +167,9 @@ def manoeuvre_notes(body: Body, pipeline: Pipeline, writer: RunWriter) -> list[s
     seams = body.recording.samples.values[body.recording.samples.kind == Kind.SEAM, 0]
     if apart := int(np.sum(~(seams <= SAME_FLIGHT))):
         found.append(
-            f"{apart} of {len(body.manoeuvres)} manoeuvres begin without the IMU biases that the one before has found, "
+            f"{apart} of {len(body.manoeuvres)} manoeuvres begin without the IMU biases found in the one before, "
             f"since their stamps overlap or are more than {SAME_FLIGHT / 3600.0:g} h apart: "
-            "forces are known worse for it"
+            "forces are less certain for it"
         )
     return found
 
@@ -194,7 +192,7 @@ def input_notes(recording: Recording, aircraft: Aircraft) -> list[str]:
     lacking = [item.name for k, item in enumerate(aircraft.inputs) if not np.isfinite(values[:, k]).any()]
     if lacking:
         names = ", ".join(lacking)
-        found.append(f"/{INPUTS_TOPIC} holds no value of {names} inside its limits: terms that read it say nothing")
+        found.append(f"/{INPUTS_TOPIC} holds no value of {names} inside its limits: terms that read it are not learnt")
     return found
 
 
@@ -218,14 +216,14 @@ def length_notes(pipeline: Pipeline, writer: RunWriter) -> list[str]:
         return []
     if seconds < least and not any(p.status is Trust.USE for p in pipeline.parameters.snapshot().parameters):
         return [
-            f"{seconds:.0f} s are too short for parameters, none of them is to be used: record at least "
+            f"{seconds:.0f} s are too short for parameters, use none of them: record at least "
             f"{least:g} s of flight with motion about every axis"
         ]
-    needed = f"compare and add, and diagnose of all but inputs that fail, need {least:g} s in all, so"
+    needed = f"compare, add and diagnose (except for failed inputs) need {least:g} s in all, so"
     if seconds >= least and not {Kind.ANGLE_OF_ATTACK, Kind.SIDESLIP} <= usable:
-        told = f"wind and attitude tell the angles of flow for {judged:.0f} s of this flight only"
+        told = f"wind and attitude give the flow angles for only {judged:.0f} s of this flight"
         return [f"{told}: {needed} {TELL_FLOW}{_shaken(pipeline)}"]
-    learnt = f"{judged:.0f} of {seconds:.0f} s could be learnt from"
+    learnt = f"{judged:.0f} of {seconds:.0f} s could be used for learning"
     return [f"{learnt}: {needed} record more or replay more manoeuvres together"]
 
 
@@ -239,8 +237,8 @@ def _shaken(pipeline: Pipeline) -> str:
     if not (noise := found.get("accelerometer", 0.0)) > _SHAKES:
         return ""
     return (
-        f"; the accelerometer shakes by {noise:.1f} m/s^2, which hides them as gusts do: mount it softly, or record "
-        "what a filter against vibration leaves of it"
+        f"; the accelerometer vibrates by {noise:.1f} m/s^2, which hides them as gusts do: mount it softly, or "
+        "record it through a vibration filter"
     )
 
 
@@ -251,12 +249,12 @@ def rate_notes(stream: CoefficientStream) -> list[str]:
         return [f"{too_slow(pace.rate)}, and no parameter is learnt"]
     found = []
     if pace.is_sparse:
-        least = f"standard errors are at least {pace.sampling_error:.1%} of a value for it (docs/parameters.md)"
+        least = f"standard errors are therefore at least {pace.sampling_error:.1%} of a value (docs/parameters.md)"
         unknown = "what happens between its samples is not known"
         found.append(f"the IMU comes at {pace.rate:.2g} Hz: {unknown}, and {least}")
     if controls.interval > CHANGE * pace.interval:
         needed = f"at least {LOWEST_RATE:g} Hz are needed"
-        unknown = "what happens between their samples is not known, and no standard error counts it"
+        unknown = "what happens between their samples is not known, and no standard error allows for it"
         too_few = controls.interval > SPARSEST_CONTROLS
         found.append(f"the controls come at {controls.rate:.2g} Hz: {needed if too_few else unknown}")
     return found
@@ -270,13 +268,13 @@ def place_notes(aircraft: Aircraft, has_error_states: bool = False) -> list[str]
     if not unsaid:
         return []
     found = [
-        f"the aircraft file does not say all of {' and '.join(unsaid)}: what it leaves out is taken as that of the "
-        "centre of gravity, and standard errors count with some per cent of the span; measure it, or ask diagnose"
+        f"the aircraft file does not give all of {' and '.join(unsaid)}: what is left out is taken as at the centre "
+        "of gravity, and standard errors allow for some per cent of the span; measure it, or ask diagnose"
     ]
     if has_error_states and ("air_data_position", "x") in aircraft.unsaid:
         found.append(
-            "errors of the vanes and parameters beside them are those of vanes at the centre of gravity: ahead of it, "
-            "as on a boom, they show scales and offsets that are none: write air_data_position into the aircraft file"
+            "errors of the vanes, and parameters, hold for vanes at the centre of gravity: ahead of it, as on a boom, "
+            "vanes show false scales and offsets: write air_data_position into the aircraft file"
         )
     return found
 
@@ -290,18 +288,18 @@ def air_data_error_notes(state: StateEstimator) -> list[str]:
     if not state.options.air_data_errors:
         return []
     found = [
-        "the errors of air data that were found are in states and parameters, and not in the samples that `compare`, "
-        "`diagnose` and `add` look at: `scale` and `offset` of a sensor in the aircraft file, or a calibration, take "
-        "them off there, too"
+        "the air data errors that were found correct states and parameters, but not the samples that `compare`, "
+        "`diagnose` and `add` use: `scale` and `offset` of a sensor in the aircraft file, or a calibration, correct "
+        "those, too"
     ]
     errors = state.air_data_errors.items()
     wild = {name: each for name, each in errors if abs(each["value"]) > _NO_ERROR * UNKNOWN_STD_OF[name]}
     if wild:
         listed = ", ".join(f"{name} = {each['value']:.3g} ± {each['std']:.2g}" for name, each in wild.items())
         found.append(
-            f"{listed} is more than {_NO_ERROR:g} times what is usual, and no error of a sensor: gusts, which scales "
-            "of the angles are taken for, or a fault of another kind (`check`, `diagnose`); do not use what is found "
-            "of air data"
+            f"{listed} is more than {_NO_ERROR:g} times what is usual, and so not a sensor error: gusts, which look "
+            "like scales of the angles, or another kind of fault (`check`, `diagnose`); do not use the air data "
+            "errors found here"
         )
     return found
 
@@ -324,7 +322,7 @@ def thrust_notes(samples: Samples, aircraft: Aircraft) -> list[str]:
         return []
     return [
         f"thrust is not measured, and {listed(reads)} cannot be judged without it: under 'model' of the aircraft file "
-        f"{throttle_instead(aircraft.model.terms)} has the throttle in its place"
+        f"{throttle_instead(aircraft.model.terms)} uses the throttle instead"
     ]
 
 
@@ -334,9 +332,9 @@ def mass_notes(samples: Samples, aircraft: Aircraft) -> list[str]:
     if mass is None or abs(mass / aircraft.mass - 1.0) < _OTHER_MASS:
         return []
     both = f"{mass:.4g} kg, and the aircraft file says {aircraft.mass:.4g} kg"
-    told = f"the recorded mass is {both}: forces are judged with the recorded one"
+    told = f"the recorded mass is {both}: forces are worked out with the recorded one"
     if not np.isfinite(samples.values[samples.kind == Kind.MASS, 1:4]).any():
-        told += ", and moments with the inertia of the file, which is of another loading: give that of this one"
+        told += ", and moments with the inertia of the file, which is for another loading: give the one for this"
     return [told]
 
 
@@ -360,9 +358,9 @@ def landing_notes(body: Body, aircraft: Aircraft, on_ground: str = "") -> list[s
     if time[-1] - end < _STANDING or stop - start < THRESHOLDS.shortest:
         return []
     return [
-        "the recording ends on the ground, and its parameters have seen what wheels do: for those of the flight give "
-        f"--segments a file with [{{name: flight, start: {start:.0f}, stop: {stop:.0f}}}]; compare and diagnose leave "
-        "that out by themselves"
+        "the recording ends on the ground, and its parameters include what the wheels did: for those of the flight "
+        f"give --segments a file with [{{name: flight, start: {start:.0f}, stop: {stop:.0f}}}]; compare and diagnose "
+        "leave that out by themselves"
     ]
 
 
@@ -372,7 +370,7 @@ def bound_notes(aircraft: Aircraft) -> list[str]:
     for name, (low, high) in aircraft.parameter_bounds.items():
         value = aircraft.coefficients.get(name)
         if value is not None and not low <= value <= high:
-            outside = f"the {value:g} that it is given in the same aircraft file is outside: correct one of them"
+            outside = f"its value in the same aircraft file, {value:g}, is outside: correct one of them"
             found.append(f"parameter_bounds {name} go from {low:g} to {high:g}, and {outside}")
     return found
 
@@ -436,7 +434,7 @@ def control_notes(samples: Samples) -> list[str]:
     text = f"{100 * share:.0f} % of the control samples lack values that others have"
     absurd = np.mean(is_absurd(controls)[:, : len(NAMES[Kind.CONTROLS])], axis=0) if len(missing) else np.zeros(0)
     units = [
-        f"{100 * part:.0f} % of the values of {name} are none in SI units, as degrees are none in rad: give its unit "
+        f"{100 * part:.0f} % of the values of {name} cannot be in SI units (degrees instead of rad?): give its unit "
         "where the recording is made, or in the map of the import"
         for name, part in zip(NAMES[Kind.CONTROLS], absurd, strict=False)
         if part > 0.01

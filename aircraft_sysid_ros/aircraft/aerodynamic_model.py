@@ -189,7 +189,7 @@ def _check_values(source: str, inputs: tuple[str, ...]) -> None:
     signals = {**dict(zip(names, tried, strict=True)), "time": np.sort(tried[names.index("time")])}
     values = evaluate((program,), signals, inputs)
     if not np.any(np.isfinite(values)):
-        raise InputError(f"the term '{text}' is no number, whatever the aeroplane does: correct it")
+        raise InputError(f"the term '{text}' is never a number, whatever the aeroplane does: correct it")
     if not np.any(values) and not _FLAT & set(program.code[:, 0].astype(int).tolist()):
         raise InputError(f"the term '{text}' is 0, whatever the aeroplane does: correct or remove it")
 

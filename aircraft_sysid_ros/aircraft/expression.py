@@ -152,7 +152,7 @@ def _compile(
         places = _places(inputs)
         if node.id not in places:
             hint = did_you_mean(node.id, places) or f"use one of {' '.join(places)}"
-            raise InputError(f"'{echo(node.id)}' in '{echo(text)}' is no signal: {hint}")
+            raise InputError(f"'{echo(node.id)}' in '{echo(text)}' is not a signal: {hint}")
         rows.append((SIGNAL, places[node.id]))
     elif isinstance(node, ast.UnaryOp) and isinstance(node.op, (ast.USub, ast.UAdd)):
         _compile(node.operand, rows, text, inputs, lags)
@@ -231,7 +231,7 @@ def _lag_of(node: ast.Call, name: str, text: str, inputs: tuple[str, ...]) -> La
     value, whole = float(stack[0, 0]), ast.unparse(node).replace(" ", "")
     if name == "limited":
         if not 0.0 < value < np.inf:
-            raise InputError(f"the rate of limited in '{echo(text)}' must be a number above 0, of x in a second")
+            raise InputError(f"the rate of limited in '{echo(text)}' must be a number above 0, in x per second")
         return Lag(whole, inner, rate=value)
     if not 0.0 <= value <= LONGEST_LAG:
         raise InputError(f"the time constant of lag in '{echo(text)}' must be a number from 0 to {LONGEST_LAG:g} s")

@@ -82,9 +82,9 @@ def said_or_found(value: Any, what: str, example: str, also: str = "") -> tuple[
     try:
         parts = (float(found), float(sigma)) if sign else (number_of(found, what), 0.0)
     except ValueError:
-        raise InputError(f"{what} must be a number, {also}or one that was found, as {example}") from None
+        raise InputError(f"{what} must be a number, {also}or an estimated one, as {example}") from None
     if not np.isfinite(parts).all() or not parts[1] >= 0.0:
-        raise InputError(f"{what} must be a finite number, and what follows ± 0 or more")
+        raise InputError(f"{what} must be a finite number, and what follows ± must be 0 or more")
     return parts
 
 

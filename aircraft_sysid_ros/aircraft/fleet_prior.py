@@ -69,7 +69,7 @@ def read_prior(fleet: str | Path, airframe: str | None, aircraft: str) -> dict[s
             f"--prior {fleet}: there is no {path}, which `aircraft-sysid fleet` writes into its folder"
         ) from None
     except (ValueError, LookupError, TypeError, RecursionError):
-        raise InputError(f"--prior {fleet}: {path} is damaged: run the fleet again, which writes it anew") from None
+        raise InputError(f"--prior {fleet}: {path} is damaged: run the fleet again, which writes it again") from None
     if airframe is None and len(known) == 1:
         found = next(iter(known.values()))
     elif airframe is None and aircraft not in known:
@@ -78,7 +78,7 @@ def read_prior(fleet: str | Path, airframe: str | None, aircraft: str) -> dict[s
         found = known.get(aircraft if airframe is None else airframe)
     if found is None:
         listed = echo(", ".join(known), 200) or "none: an airframe needs three flights with a parameter to USE"
-        which = "name one with --airframe" if airframe is None else f"'{echo(airframe)}' is none of its airframes"
+        which = "name one with --airframe" if airframe is None else f"'{echo(airframe)}' is not one of its airframes"
         raise InputError(f"--prior {fleet}: {which}; it knows {listed}")
     prior_from_dict(found)
     return dict(found)

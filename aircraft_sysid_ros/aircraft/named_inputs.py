@@ -44,9 +44,9 @@ def inputs_of(data: Mapping[str, Any]) -> tuple[NamedInput, ...]:
 
 def _input(name: str, value: Any) -> NamedInput:
     if is_reserved(name):
-        raise InputError(f"the input '{echo(name)}' has a name that expressions use themselves: give it another one")
+        raise InputError(f"the input '{echo(name)}' has a name that expressions already use: give it another one")
     if not is_name(name):
-        raise InputError(f"the input '{echo(name)}' cannot stand in a term: name it with letters, digits and _")
+        raise InputError(f"the input '{echo(name)}' cannot be used in a term: name it with letters, digits and _")
     if name in SIGNALS:
         raise InputError(
             f"the input '{echo(name)}' has the name of a signal that there is already: give it another one"

@@ -114,7 +114,7 @@ def sensors_of(data: Mapping[str, Any]) -> dict[str, Sensor]:
     for name in sorted(data, key=lambda key: key not in SENSOR_GROUPS):  # a sensor goes before its group
         value = {} if data[name] is None else data[name]
         if not isinstance(value, Mapping):
-            reject(f"sensor {name}", "a mapping with noise, rate, delay and what else it has", value)
+            reject(f"sensor {name}", "a mapping with noise, rate, delay and its other keys", value)
         check_keys(value, ("noise", "rate", "delay", "lag", "scale", "drift", "offset"), f"key of sensor {name}:")
         members = SENSOR_GROUPS.get(name, (SENSOR_ALIASES.get(name, name),))
         for i, member in enumerate(members):
@@ -177,7 +177,7 @@ def late_words(late: Mapping[str, tuple[float, float]]) -> str:
     for key, (value, std) in late.items():
         size = f"{abs(value):.3f}{f' ± {2.0 * std:.3f}' if std else ''} s"
         words.append(f"with a lag of {size}" if key == "lag" else f"{size} {'later' if value < 0.0 else 'earlier'}")
-    return f"surfaces follow what is recorded of them {' and '.join(words)}"
+    return f"surfaces follow their records {' and '.join(words)}"
 
 
 def _of_air_data(

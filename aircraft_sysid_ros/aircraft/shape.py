@@ -33,14 +33,14 @@ def check_shape(mass: float, wing_area: float, span: float, chord: float, inerti
     area = wing_area / (span * chord)
     if not _AREAS[0] <= area <= _AREAS[1]:
         raise InputError(
-            f"wing_area is {area:.3g} times span times chord, and about once is usual: check the units of the three, "
+            f"wing_area is {area:.3g} times span times chord, and about 1 is usual: check the units of the three, "
             f"{wing_area:g} m², {span:g} m and {chord:g} m"
         )
     loading = mass / wing_area
     if not _LOADINGS[0] <= loading <= _LOADINGS[1]:
         raise InputError(
-            f"mass over wing_area is {loading:.3g} kg/m², and {_LOADINGS[0]:g} to {_LOADINGS[1]:g} is what flies: "
-            f"check their units, {mass:g} kg and {wing_area:g} m²"
+            f"mass over wing_area is {loading:.3g} kg/m², and {_LOADINGS[0]:g} to {_LOADINGS[1]:g} is usual: check "
+            f"their units, {mass:g} kg and {wing_area:g} m²"
         )
     for key, moment in zip(("xx", "yy", "zz"), np.diag(inertia), strict=True):
         radius = float(np.sqrt(moment / mass))

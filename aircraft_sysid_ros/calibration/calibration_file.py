@@ -96,7 +96,7 @@ def calibration_from_dict(content: Any) -> Calibration:
         _check_scales(sections[name])
         _check_complete(given, name)
     if MAGNETOMETER in sections and abs(np.linalg.det(magnetic_matrix(sections[MAGNETOMETER]))) < _LEAST_SCALE**3:
-        raise InputError("the parameters of the magnetometer turn different fields into one: it cannot be corrected")
+        raise InputError("the parameters of the magnetometer map different fields to one: it cannot be corrected")
     return Calibration(**sections, pressure_zeros=zeros, std=std, probe_covariance=covariance, source=dict(content))
 
 
@@ -163,7 +163,7 @@ def _covariance(value: Any) -> tuple[tuple[float, ...], ...] | None:
     scale = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
     scaled = matrix / np.outer(scale, scale)
     if not np.allclose(scaled, scaled.T, atol=1e-6) or np.linalg.eigvalsh(0.5 * (scaled + scaled.T))[0] < -1e-6:
-        raise InputError(f"{_COVARIANCE} is not the covariance of anything: it must be symmetric and positive")
+        raise InputError(f"{_COVARIANCE} is not a covariance: it must be symmetric and positive")
     return tuple(tuple(float(number) for number in row) for row in matrix)
 
 

@@ -194,9 +194,7 @@ def navigate(samples: Samples, aircraft: Aircraft) -> Navigation:
         down[0] - down,
         rows[:, StateField.STANDARD_DEVIATIONS][:, D_ATTITUDE : D_ATTITUDE + 3].copy(),
         rows[-1, StateField.ORIGIN].copy(),
-        tuple(
-            f"{stated_and_shown(name, *both)}: the calibration counts with that" for name, both in understated.items()
-        ),
+        tuple(f"{stated_and_shown(name, *both)}: the calibration uses that" for name, both in understated.items()),
     )
 
 

@@ -162,13 +162,13 @@ def _probe_notes(flight: five_hole_probe.ProbeFlight, found: probe_models.ProbeA
         times = ", ".join(f"{knot - flight.navigation.time[0]:.0f}" for knot in found.model.knots)
         notes.append(f"W_N_0, W_N_1 and so on are the wind at {times} s of the flight that is used")
     if not np.any(flight.zeros):
-        notes.append("the aircraft never stands in the recording: zeros of the pressures are taken as 0")
+        notes.append("the aircraft never stands still in the recording: zeros of the pressures are taken as 0")
     if not found.steady:
         notes.append(
-            f"residuals are {np.sqrt(np.mean(found.answer.noise)):.2g} m/s where the noise of the probe makes "
-            f"{flight.probe_noise:.2g}: the wind was not steady, or the calibration is not the right one, which "
-            "residuals that are no smaller than before show. Estimated from averages over "
-            f"{five_hole_probe.AVERAGE:g} s; in gusts the scales of the angles are rather too small than too large"
+            f"residuals are {np.sqrt(np.mean(found.answer.noise)):.2g} m/s where the noise of the probe gives "
+            f"{flight.probe_noise:.2g}: the wind was not steady, or the calibration is wrong, which shows in "
+            f"residuals no smaller than before. Estimated from averages over {five_hole_probe.AVERAGE:g} s; in gusts "
+            "the scales of the angles tend to be too small"
         )
     if not any(segment.name == "wind circle" for segment in flight.segments.found):
         notes.append(
@@ -203,7 +203,7 @@ def calibrate_magnetometer(
     values = answer.values
     parameters = answer.parameters(answer.problem.names, magnetometer.UNITS, magnetometer.EXCITED_BY)
     if not any(p["determined"] for p in parameters if p["name"].startswith("n_")):
-        raise InputError("this flight does not tell the hard iron: fly " + magnetometer.EXCITED_BY["n_x"])
+        raise InputError("this flight does not determine the hard iron: fly " + magnetometer.EXCITED_BY["n_x"])
     names = (*magnetometer.NAMES1, *magnetometer.NAMES2)
     section = {**{name: values[name] for name in names}, "std": _stds(parameters, names)}
     matrix = magnetometer.sensor_matrix(answer.xi[:3], answer.xi[6:])
@@ -212,7 +212,7 @@ def calibrate_magnetometer(
     before, after = (h - h.mean() for h in strengths)
     notes = [f"scales are relative to a field of {flight.data.field.strength:.4g}"]
     if strength is None:
-        notes.append("that of the earth's dipole here, right to a quarter: --field-strength gives a better one")
+        notes.append("that of the earth's dipole here, accurate to a quarter: --field-strength gives a better one")
     return _report(
         "magnetometer", answer, parameters, section, ("strength",), "unit of the sensor", before, after,
         flight.segments, flight.navigation, flight.grid.step, notes,
@@ -239,11 +239,11 @@ def calibrate_compatibility(recording: Samples, aircraft: Aircraft, span: Span =
     ]  # fmt: skip
     if not is_steady:
         notes.append(
-            "the wind was not steady, or air data are wrong in another way, such as late, in another unit, or of a "
-            "probe whose place is not known (`check` and `diagnose` look for that): residuals of V, alpha, beta are "
+            "the wind was not steady, or air data are wrong in another way: late, in another unit, or of a probe at "
+            "an unknown position (`check` and `diagnose` look for that): residuals of V, alpha, beta are "
             f"{', '.join(f'{x:.2f}' for x in left)} times the noise of the aircraft file over pieces of "
             f"{compatibility.PIECE:g} s, and a steady wind leaves less than {compatibility.STEADY:g}: nothing is said "
-            "of air data"
+            "about air data"
         )
     notes += [*_doubts(answer), *_place_note(aircraft)]
     return _report(
@@ -256,7 +256,7 @@ def _at_bounds(answer: Answer) -> dict[str, str]:
     """Names of what is at its bound, but for the wind, and of what else is said of the same sensor; in words why."""
     found = {n for n, there in zip(answer.problem.names, answer.at_bound, strict=True) if there and n[:2] != "W_"}
     beside = {name for group in _OF_ONE_SENSOR if found & set(group) for name in group}
-    return {name: "at its bound" if name in found else "beside what is at its bound" for name in found | beside}
+    return {name: "at its bound" if name in found else "besides what is at its bound" for name in found | beside}
 
 
 def _doubts(answer: Answer) -> list[str]:
@@ -276,8 +276,8 @@ def _doubts(answer: Answer) -> list[str]:
         )
     if taken:
         notes.append(
-            "answers and standard errors hold if what this flight does not excite is as it is taken: "
-            f"{', '.join(taken)}; where it is not, they are wrong by that"
+            f"answers and standard errors hold if what this flight does not excite is as assumed: {', '.join(taken)}; "
+            "if it is not, they are wrong by that"
         )
     return notes
 
@@ -288,9 +288,9 @@ def _place_note(aircraft: Aircraft) -> list[str]:
     if not unsaid:
         return []
     return [
-        f"the aircraft file does not say all of {' and '.join(unsaid)}: what it leaves out is taken as that of the "
-        "centre of gravity, and errors of angles and airspeed by that are in no standard error: measure it before this "
-        "calibration is used"
+        f"the aircraft file does not give all of {' and '.join(unsaid)}: what it leaves out is taken as at the centre "
+        "of gravity, and no standard error includes the errors of angles and airspeed from that: measure it before "
+        "this calibration is used"
     ]
 
 

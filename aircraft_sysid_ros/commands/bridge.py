@@ -26,7 +26,7 @@ DEFAULT_CONNECTION = "udp:0.0.0.0:14550"
 def add_parser(subparsers: Any) -> argparse.ArgumentParser:
     """Add the command; returns its parser."""
     parser: argparse.ArgumentParser = subparsers.add_parser(
-        "bridge", help="an autopilot onto our topics: MAVLink, or PX4's uXRCE-DDS", description=__doc__
+        "bridge", help="an autopilot onto ROS 2 topics: MAVLink, or PX4's uXRCE-DDS", description=__doc__
     )
     add = parser.add_argument
     add("connection", nargs="?", default=DEFAULT_CONNECTION, metavar="CONNECTION",
@@ -35,9 +35,9 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
         f"(default: {DEFAULT_CONNECTION})")  # fmt: skip
     add("--calibration", metavar="FILE", help="what outputs and airspeed mean (YAML); without it no control surfaces")
     add("--peer", default="", metavar="HOST",
-        help="the only host that is heard on UDP (default: that of the vehicle, once it is found)")  # fmt: skip
+        help="the only host that is accepted on UDP (default: that of the vehicle, once it is found)")  # fmt: skip
     add("--signing-key", default="", metavar="FILE",
-        help="key of signed MAVLink, 64 hexadecimal digits or a passphrase: nothing else is heard")  # fmt: skip
+        help="key of signed MAVLink, 64 hexadecimal digits or a passphrase: nothing else is accepted")  # fmt: skip
     add("--system", type=int, default=0, metavar="N", help="system id of the vehicle (default: the first heard)")
     add("--namespace", default="", metavar="NS", help="namespace of the node and its topics")
     add("--topics", nargs="+", default=[], metavar="TOPIC", help="publish these only (default: all)")
@@ -115,7 +115,7 @@ def render(result: dict[str, Any]) -> str:
     refused = {
         "packets of others": result["foreign"],
         "messages that were not signed with the key": result["not_signed"],
-        "messages without the numbers they are for": result["not_finite"],
+        "messages without usable numbers": result["not_finite"],
     }
     if told := ", ".join(f"{count} {what}" for what, count in refused.items() if count):
         lines.append(f"left out: {told}")
@@ -174,7 +174,7 @@ def _check_namespace(namespace: str) -> None:
         validate_namespace(absolute_namespace(namespace) or "/")
     except NameValidationException as error:
         reason = str(error).splitlines()[0].removeprefix("Invalid namespace: ")
-        raise InputError(f"--namespace {namespace} is no namespace: {reason}") from None
+        raise InputError(f"--namespace {namespace} is not a namespace: {reason}") from None
 
 
 def _node(args: argparse.Namespace) -> Callable[[], Any]:

@@ -22,14 +22,14 @@ _PAGES = (".html", ".htm")
 def add_parser(subparsers: Any) -> argparse.ArgumentParser:
     """Add the command; returns its parser."""
     parser: argparse.ArgumentParser = subparsers.add_parser(
-        "check", help="a flight as data, before anything is estimated", description=__doc__
+        "check", help="the data of a flight, before anything is estimated", description=__doc__
     )
     parser.add_argument("bag", metavar="BAG", help="rosbag2 folder, .mcap or .db3 file")
     parser.add_argument(
         "--aircraft",
         metavar="FILE",
-        help="aircraft file (YAML): its delays, lag and signs of surfaces are known, its named inputs are looked at, "
-        "and the terms of its model are asked for (default: the textbook's 32)",
+        help="aircraft file (YAML): its delays, lag and signs of surfaces are known, its named inputs and the terms of "
+        "its model are checked (default: the textbook's 32)",
     )
     parser.add_argument(
         "--out", metavar="FILE", help="picture to write, .png, or a page with it, .html; one that is there is replaced"

@@ -36,14 +36,14 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
-    """Compare and draw; returns the JSON of INTERFACE.md with the model and the figure. Raises InputError."""
+    """Compare and draw; returns what ``--json`` prints with the model and the figure. Raises InputError."""
     args.other = _other(args)
     if is_fleet(args.run):
         from aircraft_sysid_ros.commands import compare_fleets  # here: no run needs it
 
         return compare_fleets.run(args)
     if args.airframes:
-        raise InputError(f"--airframes is for the folder of a fleet, and {args.run} is none")
+        raise InputError(f"--airframes is for the folder of a fleet, and {args.run} is not one")
     with telling("compare") as tell:
         beside = None
         if args.other is None:
@@ -59,7 +59,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 def _other(args: argparse.Namespace) -> str | None:
     """What is set beside the run, with or without ``--with``. Raises InputError where there are two."""
     if args.second and args.other:
-        raise InputError(f"two are compared, and {args.second} and {args.other} are beside {args.run}: leave one out")
+        raise InputError(f"two are compared, and {args.second} and {args.other} come with {args.run}: leave one out")
     other: str | None = args.other or args.second
     return other
 

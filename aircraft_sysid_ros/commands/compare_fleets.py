@@ -33,7 +33,7 @@ def render(result: dict[str, Any]) -> str:
         lines += [_line(row, max(widths[0], 8), max(widths[1], 9)) for row in rows]
     rate, count = 100.0 * result["false_discovery_rate"], len(result["parameters"])
     lines.append(
-        f"{len(rows)} of {count} parameters differ; of those that are named at most {rate:.0f} % do not, in the mean"
+        f"{len(rows)} of {count} parameters differ; of those named, at most {rate:.0f} % do not, on average"
         if rows
         else f"none of {count} parameters differs by more than chance explains"
     )

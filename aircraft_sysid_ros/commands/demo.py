@@ -37,7 +37,7 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
     parser.add_argument("--seed", type=int, default=1, help="of the flight (default: 1)")
     parser.add_argument("--rate", type=float, default=4.0, help="speed of the playback (default: 4)")
     parser.add_argument(
-        "--effect", metavar="ID", help="effect to hide, in a flight that shows it (default: one that is not told)"
+        "--effect", metavar="ID", help="effect to hide, in a flight that shows it (default: one that is not revealed)"
     )
     return parser
 
@@ -86,7 +86,7 @@ def _tell(folder: Path, run_folder: Path, truth: dict[str, Any], started: float)
     from aircraft_sysid_ros.report.story_figure import story_figure
     from aircraft_sysid_ros.run_writer import write_json
 
-    _say("4/4 what the flight says of the model")
+    _say("4/4 what the flight says about the model")
     story = tell(run_folder, lambda text: _say(f"    {text}"))
     told = story_json(story, truth)
     title, missing = f"{truth['aircraft']}, simulated flight", ", ".join(told["found"]) or "nothing"

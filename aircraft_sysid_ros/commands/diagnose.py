@@ -30,13 +30,13 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
     )  # fmt: skip
     parser.add_argument(
         "--replicas", type=int, default=COUNT, metavar="N",
-        help="flights without the effect that the evidence is compared with (default %(default)s)",
+        help="simulated flights without the effect, to compare the evidence with (default %(default)s)",
     )  # fmt: skip
     return parser
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
-    """Diagnose; returns the JSON of INTERFACE.md and writes it into the run, where it is one. Raises InputError."""
+    """Diagnose; returns what ``--json`` prints and writes it into the run, where it is one. Raises InputError."""
     with telling("diagnose") as tell:
         return diagnose(args.run, args.replicas, tell)
 
@@ -60,7 +60,7 @@ def render(result: dict[str, Any]) -> str:
         )
     else:
         count = result["tried"]
-        lines.append(f"{count} {'input' if count == 1 else 'inputs'} looked at, without replicas")
+        lines.append(f"{count} {'input' if count == 1 else 'inputs'} checked, without replicas")
     return "\n".join(lines)
 
 

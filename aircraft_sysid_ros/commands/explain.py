@@ -34,7 +34,7 @@ _SHAPE = {
 def add_parser(subparsers: Any) -> argparse.ArgumentParser:
     """Add the command; returns its parser."""
     parser: argparse.ArgumentParser = subparsers.add_parser(
-        "explain", help="what a log means, in one go, to one page", description=__doc__
+        "explain", help="what a log means, in one go, on one page", description=__doc__
     )
     add = parser.add_argument
     add("log", metavar="LOG", help="a recording, a log that `import` takes by itself, or tables with --map")
@@ -44,17 +44,17 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
             _flag(key), metavar="NUMBERS" if key == "inertia" else "X", help=f"{words} [{unit}], in place of --aircraft"
         )
     add("--out", required=True, metavar="DIR", help="folder to write: the run, and explain.html")
-    add("--map", metavar="MAP", help="of tables, which column is which signal (YAML, docs/import.md)")
+    add("--map", metavar="MAP", help="for tables, which column is which signal (YAML, docs/import.md)")
     add("--calibration", metavar="FILE", help="what servo outputs and airspeed of an autopilot mean (YAML)")
     add_option(parser, "calm_air", options_of(StateOptions)["calm_air"])
     add("--overwrite", action="store_true", help="replace an explanation that is there")
     add("--replicas", type=int, default=COUNT, metavar="N",
-        help="flights without the effect that the evidence is compared with (default %(default)s)")  # fmt: skip
+        help="simulated flights without the effect, to compare the evidence with (default %(default)s)")  # fmt: skip
     return parser
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
-    """Explain; returns the JSON of INTERFACE.md with what is said first. Raises InputError."""
+    """Explain; returns what ``--json`` prints with what is said first. Raises InputError."""
     if not args.log.strip():
         raise InputError("LOG is empty: give a recording, or a log of another program")
     if not args.out.strip():
@@ -79,7 +79,7 @@ def _aircraft(args: argparse.Namespace) -> str | Aircraft:
     given = {key: getattr(args, key) for key in _SHAPE if getattr(args, key) is not None}
     if args.aircraft:
         if given:
-            raise InputError(f"{_flag(next(iter(given)))} goes without --aircraft: that file says it already")
+            raise InputError(f"{_flag(next(iter(given)))} does not go with --aircraft: that file says it already")
         return str(args.aircraft)
     lacking = [key for key in _SHAPE if key not in given]
     if lacking and not (sys.stdin.isatty() and sys.stderr.isatty()):

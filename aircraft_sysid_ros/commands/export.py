@@ -114,8 +114,8 @@ def notes_on(opened: Run, learnt: LearntModel) -> list[str]:
         notes.append(f"not known, so without their terms: {' '.join(unknown)}")
     if late := late_of(opened, learnt):
         notes.append(
-            f"{late}: the coefficients are those of surfaces where they are, and the file does not hold how late that "
-            "is; give the servos of the other program the same"
+            f"{late}: the coefficients are for the true surface positions, and the file does not hold this delay; "
+            "give the servos of the other program the same"
         )
     if settings_of(learnt.aircraft) != settings_of(opened.root):
         notes.append("ranges are those of the run as it was replayed, before the settings of this version")
@@ -136,7 +136,7 @@ def checked_out(path: str, suffix: str, overwrite: bool) -> Path:
     if out.suffix.lower() != suffix:
         raise InputError(f"--out {path}: give it a name that ends in {suffix}")
     if not out.parent.is_dir():
-        what = "is no folder" if out.parent.exists() else "is not there: make the folder first"
+        what = "is not a folder" if out.parent.exists() else "is not there: make the folder first"
         raise InputError(f"--out {path}: {out.parent} {what}")
     if out.is_dir() or (os.path.lexists(out) and not overwrite):
         what = (
@@ -167,8 +167,8 @@ def check_travel(learnt: LearntModel, full: npt.NDArray[np.float64] | None) -> N
     for name, flown, most in zip(("elevator", "aileron", "rudder"), *np.degrees([reached(learnt), full]), strict=True):
         if flown > _OVER * most:
             raise InputError(
-                f"--full-deflection says {most:.3g} deg of {name} at full command, and it went to {flown:.3g} deg in "
-                "this flight: give degrees, and how far it goes"
+                f"--full-deflection says {most:.3g} deg of {name} at full command, but it reached {flown:.3g} deg in "
+                "this flight: give degrees, and the full travel"
             )
 
 

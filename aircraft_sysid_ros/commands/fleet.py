@@ -35,17 +35,17 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
         metavar="FILE",
         help="aircraft file; {airframe} in the name of a file stands for that of each flight",
     )
-    add("--out", required=True, metavar="DIR", help="folder of the tables and the page; one that is there goes on")
+    add("--out", required=True, metavar="DIR", help="folder of the tables and the page; one that is there is continued")
     add("--scheduler", metavar="ADDRESS", help="Dask scheduler, as tcp://host:8786 (default: one on this machine)")
     add("--workers", type=int, metavar="N", help="flights at a time on this machine (default: its cores)")
-    add("--time-limit", type=float, default=1800.0, metavar="S", help="a flight may take so long (default %(default)s)")
-    add("--replicas", type=int, default=COUNT, metavar="N", help="as of diagnose (default %(default)s)")
+    add("--time-limit", type=float, default=1800.0, metavar="S", help="longest time of a flight (default %(default)s)")
+    add("--replicas", type=int, default=COUNT, metavar="N", help="as for diagnose (default %(default)s)")
     add("--no-diagnosis", action="store_true",
         help="leave out diagnose, which takes most of the time: what changes is learnt without it")  # fmt: skip
-    add("--map", metavar="MAP", help="which column is which signal, as of import: tables are flights, too")
+    add("--map", metavar="MAP", help="which column is which signal, as for import: tables are flights, too")
     add("--servos", metavar="FILE", help="what the outputs of an autopilot mean, as --calibration of import")
     add("--calm-air", action="store_true",
-        help="as of replay: where no airspeed is measured, the speed over ground stands for it")  # fmt: skip
+        help="as for replay: where no airspeed is measured, the speed over ground is used")  # fmt: skip
     add("--runs", action="store_true", help="keep the run of every flight, in DIR/runs")
     return parser
 

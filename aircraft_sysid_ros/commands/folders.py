@@ -16,7 +16,7 @@ def check_folder(path: str | Path) -> None:
         return
     if (folder / CALIBRATION).exists():
         raise InputError(
-            f"{path} is a calibration without {RESULT}, which is what is shown: calibrate again with --out {path} "
+            f"{path} is a calibration without {RESULT}, which holds what is shown: calibrate again with --out {path} "
             "--overwrite, or copy that file back"
         )
     raise not_a_run(path)

@@ -35,7 +35,7 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
         "--calibration",
         metavar="FILE",
         help="what servo outputs and airspeed of an autopilot mean (YAML); without it no control surfaces. "
-        "Of tables that an autopilot wrote its outputs alone are read",
+        "For tables that an autopilot wrote, only its outputs are read",
     )
     parser.add_argument("--overwrite", action="store_true", help="replace a recording that is there")
     return parser

@@ -43,7 +43,7 @@ from aircraft_sysid_ros.reconstruction.options import LONGEST_WAIT, StateOptions
 from aircraft_sysid_ros.run_writer import RunWriter, state_json
 
 #: Why a node of ``live`` cannot be cleaned up from outside.
-_KEPT = "live gives the result of the flight when Ctrl-C ends it; ~/reset begins the estimates anew"
+_KEPT = "live gives the result of the flight when Ctrl-C ends it; ~/reset restarts the estimates"
 
 
 def add_parser(subparsers: Any) -> argparse.ArgumentParser:
@@ -56,7 +56,7 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
     parser.add_argument("--calibration", metavar="FILE", help="calibration file of `calibrate`: sensors are corrected")
     parser.add_argument("--overwrite", action="store_true", help="replace a run that is there")
     parser.add_argument("--namespace", default="", metavar="NS", help="namespace of the nodes and their topics")
-    parser.add_argument("--reliable", action="store_true", help="ask publishers for every sample, as of a playback")
+    parser.add_argument("--reliable", action="store_true", help="ask publishers for every sample, as for a playback")
     parser.add_argument(
         "--until-idle",
         type=float,
@@ -89,7 +89,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         result = _with_nodes(args, options, writer)
     missing = lost_in_words(result["lost"])
     if args.reliable and missing:
-        raise IncompleteError(f"{missing}; the result is of those that came", result)
+        raise IncompleteError(f"{missing}; the result is from those that came", result)
     return result
 
 
@@ -127,7 +127,7 @@ def _with_nodes(
         state.must_keep = parameters.must_keep = _KEPT
         state.together = parameters.together = (state, parameters)
         with stop_signals() as stop:  # a signal would tear a compilation apart
-            stop.doing = "stopping: what is being compiled is compiled first"
+            stop.doing = "stopping: a compilation is finished first"
             has_started = start(state) and (stop.is_set() or start(parameters))
         if stop.is_set():
             raise KeyboardInterrupt
@@ -135,7 +135,7 @@ def _with_nodes(
             raise InputError("the nodes did not start: see the messages above")
         return _fly(args, state, parameters, writer, said)
     except NameValidationException as error:
-        raise InputError(f"--namespace {args.namespace} is no namespace: {error}") from None
+        raise InputError(f"--namespace {args.namespace} is not a namespace: {error}") from None
     finally:
         for node in nodes:
             node.destroy_node()
@@ -231,7 +231,7 @@ def _late_notes(late: dict[str, int], far: dict[str, float]) -> list[str]:
     """What came too late, and whether waiting would help."""
     notes = [f"{late[kind]} of {kind} came too late, {stamped_behind(far[kind])}" for kind in far if kind in late]
     if near := ", ".join(f"{count} of {kind}" for kind, count in late.items() if kind not in far):
-        notes.append(f"samples came too late for their own time ({near}): a longer --horizon waits for them")
+        notes.append(f"samples came too late to be used at their own time ({near}): a longer --horizon waits for them")
     return notes
 
 

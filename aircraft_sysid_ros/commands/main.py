@@ -23,17 +23,17 @@ from aircraft_sysid_ros.spelling import did_you_mean
 #: Command, the module that has it and its purpose, in the order in which a user meets them.
 COMMANDS = {
     "demo": ("demo", "the main job on a simulated flight, through ROS 2"),
-    "explain": ("explain", "what a log means, in one go, to one page"),
+    "explain": ("explain", "what a log means, in one go, on one page"),
     "simulate": ("simulate", "a flight with known truth, recorded as a bag"),
     "import": ("import_log", "a flight log of another format to a bag"),
-    "check": ("check", "a flight as data, before anything is estimated"),
+    "check": ("check", "the data of a flight, before anything is estimated"),
     "calibrate": ("calibrate", "errors of a probe, a magnetometer, or of IMU and air data, from a flight"),
     "replay": ("replay", "the whole pipeline over a recording"),
     "compare": ("compare", "how good the model is, and where it fails"),
     "diagnose": ("diagnose", "which effect is missing"),
     "add": ("add", "an effect or a term added to the model, with the error before and after"),
     "remove": ("remove", "an effect or a term taken out again"),
-    "name": ("name", "a version of the model called something, with a note"),
+    "name": ("name", "a name and a note for a version of the model"),
     "export": ("export", "the model of a run as a file of another program"),
     "gains": ("gains", "first gains of an autopilot's rate loops"),
     "workbench": ("workbench", "the same on a web page on this machine, with a mouse"),
@@ -48,10 +48,10 @@ COMMANDS = {
 }
 #: What a library raises where it was given too much or what cannot be, by the name of the error: the sentence.
 BEYOND = {
-    "RecursionError": "what it was given is nested too deeply: simplify it",
-    "MemoryError": "what it was given needs more memory than there is: give it less, such as a shorter flight",
-    "LinAlgError": "what it was given makes equations without a solution: `aircraft-sysid check` says what is wrong "
-    "with a flight; look at the numbers of the aircraft file, too",
+    "RecursionError": "the input is nested too deeply: simplify it",
+    "MemoryError": "the input needs more memory than there is: give less, such as a shorter flight",
+    "LinAlgError": "the input gives equations without a solution: `aircraft-sysid check` says what is wrong with a "
+    "flight; check the numbers of the aircraft file, too",
 }
 BAD_INPUT = 2
 FAILED = 1
@@ -94,8 +94,8 @@ class _Parser(argparse.ArgumentParser):
 
 def _in_words(message: str) -> str:
     """A message of argparse without the types of Python."""
-    message = re.sub(r"invalid int value: ('.*')", r"\1 is no whole number", message)
-    return re.sub(r"invalid float value: ('.*')", r"\1 is no number", message)
+    message = re.sub(r"invalid int value: ('.*')", r"\1 is not a whole number", message)
+    return re.sub(r"invalid float value: ('.*')", r"\1 is not a number", message)
 
 
 def build_parser(command: str | None, given: Sequence[str] = ()) -> argparse.ArgumentParser:
@@ -121,7 +121,7 @@ def build_parser(command: str | None, given: Sequence[str] = ()) -> argparse.Arg
                 _ROS,
                 nargs=argparse.REMAINDER,
                 metavar="WORD",
-                help="words of ROS to the end of the line, such as -r imu/data:=/driver/imu",
+                help="ROS arguments up to the end of the line, such as -r imu/data:=/driver/imu",
             )
         parser.known, parser.command = [*subparser._option_string_actions], name
         subparser.known, subparser.given = parser.known, given

@@ -17,12 +17,12 @@ from aircraft_sysid_ros.errors import InputError
 def add_parser(subparsers: Any) -> argparse.ArgumentParser:
     """Add the command; returns its parser."""
     parser: argparse.ArgumentParser = subparsers.add_parser(
-        "name", help="a version of the model called something, with a note", description=__doc__
+        "name", help="a name and a note for a version of the model", description=__doc__
     )
     parser.add_argument("run", metavar="RUN", help="folder written by replay or live")
-    parser.add_argument("name", metavar="NAME", nargs="?", help="what it is called; an empty one takes the name away")
+    parser.add_argument("name", metavar="NAME", nargs="?", help="its name; an empty one removes the name")
     parser.add_argument("--model", metavar="ID", help="id or name of the version (default: the current one)")
-    parser.add_argument("--note", metavar="TEXT", help="what is to be known of it (default: the note that it has)")
+    parser.add_argument("--note", metavar="TEXT", help="what to know about it (default: the note that it has)")
     parser.add_argument("--undo", action="store_true", help="name and note as they were before")
     return parser
 

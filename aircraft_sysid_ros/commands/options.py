@@ -58,12 +58,12 @@ def add_estimator_options(parser: argparse.ArgumentParser) -> None:
 def add_prior_options(parser: argparse.ArgumentParser) -> None:
     """What earlier flights say, and of which aeroplane."""
     parser.add_argument(
-        "--prior", metavar="FLEET", help="folder of `fleet`: what its flights say of the parameters before this one"
+        "--prior", metavar="FLEET", help="folder of `fleet`: what its flights say about the parameters before this one"
     )
     parser.add_argument(
         "--airframe",
         metavar="NAME",
-        help="of --prior (default: its only one, the one called as the aircraft file says, or what all have in common)",
+        help="of --prior (default: its only one, the one named in the aircraft file, or what all have in common)",
     )
 
 

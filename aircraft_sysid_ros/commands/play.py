@@ -74,13 +74,13 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
     )
     add("--topic-prefix", default="", metavar="NS", help="namespace to put before every topic")
     add("--clock", nargs="?", type=float, const=CLOCK_RATE, metavar="HZ",
-        help=f"the time of the recording onto /clock, so often (default: {CLOCK_RATE:g} a second)")  # fmt: skip
+        help=f"the time of the recording onto /clock, at this rate (default: {CLOCK_RATE:g} a second)")  # fmt: skip
     add("--topics", nargs="+", metavar="TOPIC", help="play only these, named as recorded (default: all)")
     add(
         "--wait",
         type=float,
         metavar="S",
-        help="wait up to so long for a subscriber on every topic (default: 5 s, or until no more appear)",
+        help="wait up to this long for a subscriber on every topic (default: 5 s, or until no more appear)",
     )
     reliability = parser.add_mutually_exclusive_group()
     reliability.add_argument(

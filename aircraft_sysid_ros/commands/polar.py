@@ -13,7 +13,7 @@ from aircraft_sysid_ros.commands.pictures import picture_lines
 from aircraft_sysid_ros.report.polar_figure import draw_polar
 
 _MEANINGS = {
-    "efficiency": "of propulsion, power at the air over power that flows",
+    "efficiency": "of propulsion, power to the air over power consumed",
     "CD0": "drag without lift",
     "k": "of C_L squared",
 }
@@ -49,7 +49,7 @@ def render(result: dict[str, Any]) -> str:
     for p in result["parameters"]:
         doubt = f"   {p['status']}  {p['reason']}".rstrip()
         lines.append(f"{p['name']:<12}{p['value']:>9.4f} ± {p['std']:<9.2g}{_MEANINGS[p['name']]:<54}{doubt}")
-    lines += ["", f"the balance of energy explains {result['explained']:.0%} of the power, where it was not fitted"]
+    lines += ["", f"the energy balance explains {result['explained']:.0%} of the power, where it was not fitted"]
     glide = result["best_glide"]
     if glide is not None:
         outside = "" if glide["inside"] else ", which was NOT FLOWN"
@@ -60,7 +60,7 @@ def render(result: dict[str, Any]) -> str:
     what = "power" if result["method"] == "power" else "power of thrust"
     level = result["level"]
     told = result["explained"] >= LEAST_EXPLAINED
-    lines += ["", f"level flight at   {what}" if told else "too little is explained to tell the power of level flight"]
+    lines += ["", f"level flight at   {what}" if told else "too little is explained to give the power of level flight"]
     for at in range(0, len(level["airspeed"]), 4) if told else ():
         lines.append(f"{level['airspeed'][at]:>8.1f} m/s   {level['power'][at]:>8.0f} ± {level['std'][at]:.0f} W")
     lines += ["", f"only between C_L {low:.2f} and {high:.2f}, {slow:.1f} and {fast:.1f} m/s"]

@@ -46,7 +46,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         options = StateOptions(**content["state"]), ParameterOptions(**content["parameters"])
     except (KeyError, TypeError):
         raise InputError(
-            f"{journal_path(args.run)} has options of another version of the program: recover it with that which flew"
+            f"{journal_path(args.run)} has options of another version of the program: recover it with the version "
+            "that flew"
         ) from None
     pipeline = Pipeline(aircraft, *options)
     correction = content.get("calibration")  # of samples that are on disk as corrected

@@ -35,7 +35,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     """Gather and write; returns the file with its size. Raises InputError."""
     out = Path(args.out)
     if out.suffix.lower() not in (".html", ".htm"):
-        raise InputError(f"--out {args.out} is no HTML file: give it a name that ends in .html")
+        raise InputError(f"--out {args.out} is not an HTML file: give it a name that ends in .html")
     if not out.parent.is_dir():
         raise InputError(f"--out {args.out}: the folder {out.parent} is not there")
     check_folder(args.run)

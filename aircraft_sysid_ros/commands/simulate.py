@@ -154,7 +154,8 @@ def parse_effect(text: str) -> Effect:
     if not (colon and equals):
         hint = did_you_mean(axis.strip(), BY_ID, 3, 0.5) or "`aircraft-sysid add --help` lists them"
         raise InputError(
-            f"'{echo(text)}' is no effect, {hint}; a term is written with axis and value, such as 'CZ: alpha**3 = -5'"
+            f"'{echo(text)}' is not an effect, {hint}; a term is written with axis and value, such as 'CZ: alpha**3 = "
+            "-5'"
         )
     try:
         number = float(value)

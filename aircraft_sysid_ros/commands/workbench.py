@@ -34,7 +34,7 @@ OPEN = "with --host {} anybody who can reach this machine can change the run, th
 def add_parser(subparsers: Any) -> argparse.ArgumentParser:
     """Add the command; returns its parser."""
     parser: argparse.ArgumentParser = subparsers.add_parser(
-        "workbench", help="a page on which the model is seen to fail, and corrected", description=__doc__
+        "workbench", help="a page that shows where the model fails, and corrects it", description=__doc__
     )
     parser.add_argument(
         "run",
@@ -138,7 +138,7 @@ def _check(args: argparse.Namespace) -> None:
         if not holds_runs(path):
             check_folder(path)
         if several and not os.path.exists(os.path.join(path, AIRCRAFT)):
-            raise InputError(f"{path} is no run: with several folders each must be one that replay or live has written")
+            raise InputError(f"{path} is not a run: with several folders each must be one that replay or live wrote")
     if len({os.path.realpath(path) for path in args.run}) < len(args.run):
         raise InputError("a run is given twice: name each one once")
     if (several or any(map(holds_runs, args.run))) and (args.truth or args.calibration):

@@ -54,9 +54,9 @@ class Sender:
         before, count = self._leapt
         self._leapt = (stamp, count + 1 if count and stamp > before else 1)
         if self._leapt[1] < CONFIRMING:
-            why = f"a new clock is believed after {CONFIRMING} messages running"
+            why = f"a new clock is accepted after {CONFIRMING} messages in a row"
             if self._mixed:
-                why = f"two senders by turns: {_ONE}"
+                why = f"two senders in turn: {_ONE}"
             raise InputError(f"a message {what} than the last: {why}")
         self._leapt, self._mixed = (0, 0), False
 
@@ -68,7 +68,7 @@ class Sender:
             self._replaced[model] = stamp
             self._returned += 1
             if self._returned < CONFIRMING:
-                raise InputError(f"two senders by turns, of the models {self._model} and {model}: {_ONE}")
+                raise InputError(f"two senders in turn, of the models {self._model} and {model}: {_ONE}")
         assert self._stamp is not None
         self._replaced.pop(model, None)
         self._replaced[self._model] = self._stamp

@@ -129,7 +129,7 @@ def _check_shape(names: tuple[str, ...], covariance: Array) -> None:
 def _check_content(s: Snapshot) -> None:
     for name, status in zip(s.names, s.status, strict=True):
         if status not in tuple(Trust):
-            raise InputError(f"{name} has the status {status}, which is none of USE, HOLD and REJECT")
+            raise InputError(f"{name} has the status {status}, which is not one of USE, HOLD and REJECT")
     for name, low, high in zip(_LIMITS, s.low, s.high, strict=True):
         if low > high:
             raise InputError(f"the learnt {name} begins at {low:g}, above its end {high:g}")

@@ -286,7 +286,7 @@ class ParameterSource:
             return f"{'rejected' if known else 'never learnt'}: {text}" if text else "never learnt"
         early = (self.newest.stamp - now) / NANOSECONDS
         if early > self.rules.silence:
-            return f"the newest message is {early:g} s in the future: it is of another clock, or its stamp is wrong"
+            return f"the newest message is {early:g} s in the future: it is from another clock, or its stamp is wrong"
         if old:
             return "the last good value is too old"
         if outside:

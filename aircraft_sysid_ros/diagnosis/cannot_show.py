@@ -79,7 +79,7 @@ def _of_force(effect: Effect, bench: CandidateEvaluator) -> str:
     data, needed = bench.data, sorted(effect.signals | ({effect.domain.signal} if effect.domain else set()))
     lacking = data.lacks(needed)
     if lacking == ["height"]:
-        return "nothing says where the ground is: ground_altitude of the aircraft file can"
+        return "the height of the ground is not known: set ground_altitude in the aircraft file"
     lacked = [frozenset(data.lacks(signals)) for signals in effect.signals_by_variant]
     if not lacking and all(lacked):  # of each form another one
         return f"{_listed(sorted(frozenset.union(*lacked)), 'nor')} is measured"
@@ -93,7 +93,7 @@ def _of_force(effect: Effect, bench: CandidateEvaluator) -> str:
     if effect.axes and set(effect.axes) <= resting_on(data.inferred):
         return f"{_listed(data.inferred)} is not measured"
     if not any(_is_told(bench, effect)):
-        return "it moves with what the model has"
+        return "it moves together with what the model has"
     return ""
 
 

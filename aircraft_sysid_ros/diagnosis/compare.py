@@ -101,7 +101,7 @@ class Comparison:
         least, most = (f"{end(short.values()):.0f}" for end in (min, max))
         seconds = least if least == most else f"{least} to {most}"
         return [
-            f"{listed(list(short))}: {seconds} s of this flight tell what the model leaves, too few to judge it by: "
+            f"{listed(list(short))}: {seconds} s of this flight show what the model leaves, too few to judge it: "
             f"{THRESHOLDS.shortest:g} s are needed"
         ]
 
@@ -110,7 +110,7 @@ class Comparison:
         are = "are" if len(names) > 1 else "is"
         return (
             f"{listed(names)} {are} not measured but inferred from wind and attitude: the floor is how well the filter "
-            "says that it knows that, and errors beyond it need not be of the model"
+            "claims to know that, and errors above it need not be the model's"
         )
 
     @property
@@ -118,7 +118,7 @@ class Comparison:
         if not self.flight.sparse_interval > 0.0:
             return []
         rate = f"the IMU comes at {1.0 / self.flight.sparse_interval:.2g} Hz"
-        beyond = "what happens between two samples, most in quick manoeuvres, is in the errors beyond it"
+        beyond = "what happens between two samples, mostly in quick manoeuvres, is in the errors above it"
         return [f"{rate}: the floor is the noise of the sensors alone, and {beyond}"]
 
     @property
@@ -130,7 +130,7 @@ class Comparison:
             name: a.noise_seen for name, a in self.axes.items() if not 1 / THRESHOLDS.odd_noise < a.noise_seen < most
         }
         return [
-            f"the fast part of the residual of {name} is {seen:.1f} times what the noise of the sensors makes of it: "
+            f"the fast part of the residual of {name} is {seen:.1f} times what the noise of the sensors explains: "
             "its noise floor is wrong by as much, check their noise in the aircraft file"
             for name, seen in odd.items()
             if np.isfinite(seen)
@@ -145,13 +145,13 @@ class Comparison:
             times = fit.nrmse_held_out / floor
             if not axis.whiteness.white or not times > THRESHOLDS.far_above:
                 continue
-            said = f"{name}: only noise is left of the fit, but the held-out error is {times:.1f} times the floor: "
+            said = f"{name}: the fit leaves only noise, but the held-out error is {times:.1f} times the floor: "
             if fit.nrmse_held_out > THRESHOLDS.far_above * fit.nrmse_fit:
                 said += f"a few blocks of this flight determine its parameters, so excite {name} in more manoeuvres"
             elif axis.places:  # it is more than noise there
                 continue
             else:
-                said += "the noise is larger than the sensors of the aircraft file make it"
+                said += "the sensor noise is larger than the aircraft file says"
             notes.append(said)
         return notes
 

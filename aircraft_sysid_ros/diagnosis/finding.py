@@ -64,14 +64,14 @@ class Finding:
         if impossible := self.impossible:
             return impossible
         if self._must_show_in and not self._shown:
-            return f"it cannot be seen in {self._must_show_in}, where it cannot be absent"
+            return f"it cannot be seen in {self._must_show_in}, where it must show"
         if self.outdone_by:
-            return f"{self.outdone_by} explains clearly more, and cannot be it either: what is there is something else"
+            return f"{self.outdone_by} explains clearly more, but is ruled out too: the cause is something else"
         if np.isfinite(self.late_vane):
             way = "late" if self.late_vane > 0.0 else "early"
             return (
-                f"a vane that is {1e3 * abs(self.late_vane):.0f} ms {way} explains it as well, and nobody has "
-                "described the vane: say its delay under sensors of the aircraft file"
+                f"a vane that is {1e3 * abs(self.late_vane):.0f} ms {way} explains it as well, and the "
+                "vane is not described: give its delay under sensors of the aircraft file"
             )
         if self.size < THRESHOLDS.size:
             axis = self.trial.main_axis
@@ -79,29 +79,29 @@ class Finding:
         if moved < THRESHOLDS.least_moved:
             return f"it moves the coefficient by less than {THRESHOLDS.least_moved:.0%} of its spread"
         if self.above_floor < THRESHOLDS.above_floor:
-            return f"the error is only {self.above_floor:.2g} times what noise makes of it"
+            return f"the error is only {self.above_floor:.2g} times its noise"
         if len(self.amid) >= THRESHOLDS.left_axes and self._share_above_noise() < THRESHOLDS.left_share:
             return (
-                f"it explains only {self._share_above_noise():.0%} of what is above the noise, while most of "
-                f"{listed([f'{axis[0]}_{axis[1]}' for axis in self.amid])} is left: replicas of a model that fails so "
-                "widely say little of chance"
+                f"it explains only {self._share_above_noise():.0%} of the error above the noise, while most of "
+                f"{listed([f'{axis[0]}_{axis[1]}' for axis in self.amid])} is unexplained: replicas of a model this "
+                "wrong say little about chance"
             )
-        return "" if self.excess > self.trial.price else "it explains no more than its numbers cost"
+        return "" if self.excess > self.trial.price else "it explains no more than its parameters cost"
 
     @property
     def impossible(self) -> str:
         """Why its physics rules it out, in words; empty where it does not."""
         shown = self._shown
         if shown and max(shown) < 0.5 * THRESHOLDS.size:
-            return f"it does not show in {self._must_show_in}, where it cannot be absent"
+            return f"it does not show in {self._must_show_in}, where it must show"
         if wrong := self._wrong_sign:
-            return f"its part of {wrong[0]}_{wrong[1]} has the sign that it cannot have"
+            return f"its part of {wrong[0]}_{wrong[1]} has an impossible sign"
         if wrong := self._out_of_range:
-            return f"its derivative of {wrong[0]}_{wrong[1]} is none that it can have"
+            return f"its derivative of {wrong[0]}_{wrong[1]} is outside its possible range"
         if len(edges := self._at_edges) > 1:
-            return f"its {listed(edges)} are as far as they may be: it is something else, which is a little like it"
+            return f"its {listed(edges)} are at their limits: it is something else that resembles it"
         if self._has_wrong_share:
-            return "its share of what the surface does has the sign that it cannot have"
+            return "its share of the effect of the surface has an impossible sign"
         return ""
 
     @property
@@ -167,11 +167,12 @@ class Finding:
         """Why it is no verdict, in words; empty where nothing but what was found before it is in the way."""
         level = THRESHOLDS.verdict if first else THRESHOLDS.further
         if self._weakness or self.p_value >= level:
-            return self._weakness or f"chance does as much (p = {self.p_value:.2g})"
+            return self._weakness or f"chance explains as much (p = {self.p_value:.2g})"
         if not self.is_unsure or self.nested is None:
             return ""
         return (
-            f"chosen anew without each quarter of the flight it comes in {self.times_again} of {len(self.nested.names)}"
+            f"chosen again with each quarter of the flight left out, it comes in {self.times_again} of "
+            f"{len(self.nested.names)}"
         )
 
     def is_again(self, family: str) -> bool:

@@ -35,19 +35,19 @@ from aircraft_sysid_ros.samples import Kind, Samples
 
 #: Said where surfaces come at another time than they are recorded.
 LATE_SURFACES = (
-    "surfaces come at another time than they are recorded: a delay fits that better than the lag of a servo does, but "
-    "may stand for more than a delay, so that a limit of its rate, free play and rates of the flow angles are not "
-    "looked for beside it; record deflections, or state `lag` of control_surfaces, the time constant of the servos, in "
+    "surfaces do not move when they are recorded: a delay fits that better than a servo lag does, but may stand for "
+    "more than a delay, so that a rate limit, free play and rates of the flow angles are not looked for besides; "
+    "record deflections, or state `lag` of control_surfaces, the time constant of the servos, in "
     "the aircraft file"
 )
 #: Said where the flight has shown the lag of the servos, and where it is another one than the aircraft file states.
 FOUND_LAG = (
-    "servos follow what is recorded with a lag that was found in this flight: a limit of their rate and free play are "
-    "not looked for beside it; with `lag` of control_surfaces in the aircraft file they are"
+    "servos follow the records with a lag that was found in this flight: a rate limit and free play are not looked "
+    "for besides; with `lag` of control_surfaces in the aircraft file they are"
 )
 OTHER_LAG = (
-    "servos follow what is recorded with another lag than the aircraft file states, as steps of slow records make it, "
-    "too: a limit of their rate and free play are not looked for beside it"
+    "servos follow the records with another lag than the aircraft file states, which the steps of slow records can "
+    "cause, too: a rate limit and free play are not looked for besides"
 )
 
 
@@ -58,7 +58,9 @@ def diagnose_run(
     run = open_run(folder)
     if run.samples is None:
         raise InputError(f"{folder} holds no samples to diagnose from: replay the recording again")
-    found = answer(run.current.aircraft, run.samples, run.calm_air, replicas, progress, run.manoeuvres)
+    found = answer(
+        run.current.aircraft, run.samples, run.calm_air, replicas, progress, run.manoeuvres, zero=run.zero
+    )  # fmt: skip
     return {"model": run.current.identifier, **found}, run.path
 
 
@@ -81,16 +83,18 @@ def answer(
     progress: Callable[[str, float], None] = lambda what, share: None,
     names: Sequence[str] = (),
     runs: Sequence[str] = (),
+    zero: int | None = None,
 ) -> dict[str, Any]:
-    """The JSON of INTERFACE.md. Raises InputError where nothing can be said.
+    """What ``diagnose --json`` prints. Raises InputError where nothing can be said.
 
     ``calm_air``: as when the flight was replayed. ``names`` are those of manoeuvres that were joined, ``runs`` of runs.
+    ``zero``: stamp [ns] from which times that forces alone tell count; None: from the first sample of the IMU.
     """
     options_after_flight(samples, calm_air)
     notes = assumed_calm(samples, calm_air)
-    report = by_forces(aircraft, samples, lambda share: progress("look at the inputs", share))
+    report = by_forces(aircraft, samples, lambda share: progress("check the inputs", share), zero)
     if report is not None and report.says_something:
-        notes.append("the library was not searched: what failed or changed would stand for other effects")
+        notes.append("the library was not searched: what failed or changed would look like other effects")
         return report_json(report, notes)
     if has_vanes(samples):
         report = None  # the library judges the rest
@@ -100,7 +104,7 @@ def answer(
     try:
         found = diagnose_flight(aircraft, samples, replicas=replicas, progress=progress, names=names, runs=runs)
     except InputError as error:
-        report = report or _of_all_inputs(aircraft, samples)
+        report = report or _of_all_inputs(aircraft, samples, zero)
         if report is None:
             raise
         return report_json(report, [*notes, f"the library was not searched: {error}"])
@@ -111,12 +115,12 @@ def answer(
     return {**found.json, "notes": said}
 
 
-def _of_all_inputs(aircraft: Aircraft, samples: Samples) -> FailureReport | None:
+def _of_all_inputs(aircraft: Aircraft, samples: Samples, zero: int | None) -> FailureReport | None:
     """What forces say of a flight with vanes whose commands are too slow for the library; None where it is another."""
     too_slow = why_controls_too_slow(samples) and not (why_too_slow(samples) or why_airspeed_too_slow(samples))
     if np.any(samples.kind == Kind.SEAM) or not too_slow:
         return None
     try:
-        return failures_of(aircraft, samples)
+        return failures_of(aircraft, samples, zero=zero)
     except InputError:
         return None

@@ -142,7 +142,7 @@ def measurement_first(
     """The aircraft and the flight with all settings that the sensors prefer, and what they are."""
     aircraft, settings = given, list[MeasurementFinding]()
     while len(settings) < THRESHOLDS.most_settings:
-        faults = measurement_faults(flight, measuring, calm, lambda share: progress("look at the measurement", share))
+        faults = measurement_faults(flight, measuring, calm, lambda share: progress("check the measurement", share))
         done = {_name(s.setting) for s in settings}  # out of a process an effect is another object
         faults = _left_out_first([f for f in faults if _name(f) not in done], given, flight.samples)
         sure = [
@@ -183,7 +183,7 @@ def _beyond_chance(
         ):
             chance = 1.0
         elif accused:
-            progress("look at the measurement in replicas", 0.0)
+            progress("check the measurement in replicas", 0.0)
             chance = chance_of(finding.setting, finding.errors, corrected[1], calm, tried, replicas)
         p_value = max(finding.p_value, chance)
         if chance < THRESHOLDS.verdict and (not accused or p_value < level_of(finding, calm)):
@@ -250,10 +250,10 @@ def _why_no_fault(finding: MeasurementFinding, given: Aircraft, samples: Samples
     if setting.is_place and not is_a_fault(setting, given, samples):
         return OF_PLACE if setting.variant.setting in given.unsaid else OF_SHORT_WAY
     if not is_a_fault(setting, given, samples):
-        return "it is counted with: a sensor that averages from sample to sample is as late"
+        return "it is allowed for: a sensor that averages from sample to sample is as late"
     if CONTROLS in setting.variant.setting and IMU_LAG in finding.confounded_with:
-        return "it is counted with, and an IMU that is late explains as much"
-    return f"it is counted with, and lowers the error of no axis that the model explains by {THRESHOLDS.size:.0%}"
+        return "it is allowed for, and a late IMU explains as much"
+    return f"it is allowed for, and lowers no error of an axis that the model explains by {THRESHOLDS.size:.0%}"
 
 
 def _moved(finding: MeasurementFinding, beside: Sequence[tuple[tuple[str, ...], float]]) -> MeasurementFinding:

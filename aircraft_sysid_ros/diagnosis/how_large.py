@@ -117,13 +117,13 @@ def _surface(added: AddedTerms) -> str:
     name, terms = ties[axis][0].of, added.terms[axis]
     word = SURFACE_WORDS[name.partition("_")[2]]
     lost = _share(terms[0], added.model.get(name))
-    said = [f"{lost} of what the {word} did to the {AXIS_WORDS[axis]} is lost"] if lost else []
+    said = [f"{lost} of the effect of the {word} on the {AXIS_WORDS[axis]} is lost"] if lost else []
     angle, std = np.nan, np.nan
     if len(terms) > 1 and terms[0].is_sure:
         angle = -terms[1].value / terms[0].value
         std = np.hypot(terms[1].std, angle * terms[0].std) / abs(terms[0].value)
     if std < _TOLD_TO:
-        said.append(f"what sticks stands at {_with_std(np.degrees(angle), np.degrees(std))} deg")
+        said.append(f"the stuck part stands at {_with_std(np.degrees(angle), np.degrees(std))} deg")
     return " and ".join(said)
 
 

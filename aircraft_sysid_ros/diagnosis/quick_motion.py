@@ -41,10 +41,10 @@ class QuickMotion:
         """A sentence for people."""
         values = ", ".join(f"{name} {whole:.3g} ({quick:.3g})" for name, (whole, quick) in self.values.items())
         return (
-            f"{self.axis}: what trims the aeroplane slowly (thrust, flaps, gear, fuel, the centre of gravity) is not "
-            f"in the model and hides what it does quickly. Of motion quicker than {WINDOW:g} s the fit to the whole "
-            f"flight leaves {self.left_by_whole:.0%} over, one to that motion alone {self.left:.0%}, with {values} (in "
-            "brackets: of quick motion). Cut the manoeuvres out with replay --segments, or add terms of what trims it"
+            f"{self.axis}: slow trim changes (thrust, flaps, gear, fuel, the centre of gravity) are not in the model "
+            f"and hide the quick motion. Of motion quicker than {WINDOW:g} s the fit to the whole flight leaves "
+            f"{self.left_by_whole:.0%}, one to that motion alone {self.left:.0%}, with {values} (in brackets: from "
+            "quick motion). Cut the manoeuvres out with replay --segments, or add terms for the trim changes"
         )
 
 

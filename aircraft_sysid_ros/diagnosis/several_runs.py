@@ -80,8 +80,8 @@ def _check_same_aeroplane(first: Run, other: Run) -> None:
     ours, theirs = first.current, other.current
     if ours.aircraft.model.terms != theirs.aircraft.model.terms:
         raise InputError(
-            f"{other.path} has the model {theirs.identifier}, and {first.path} has {ours.identifier}: bring them to "
-            "one model with add and remove"
+            f"{other.path} has the model {theirs.identifier}, and {first.path} has {ours.identifier}: give them "
+            "the same model with add and remove"
         )
     if first.calm_air != other.calm_air:
         raise InputError(f"one of {first.path} and {other.path} was replayed with --calm-air: replay both alike")
@@ -96,7 +96,7 @@ def _differences(a: Mapping[str, Any], b: Mapping[str, Any], within: str = "") -
         if isinstance(one, Mapping) and isinstance(other, Mapping):
             yield from _differences(one, other, f"{name}.")
         else:
-            yield f"{name} is {_said(one)} in the one and {_said(other)} in the other"
+            yield f"{name} is {_said(one)} in one and {_said(other)} in the other"
 
 
 def _said(value: Any) -> str:

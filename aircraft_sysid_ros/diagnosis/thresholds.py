@@ -21,12 +21,12 @@ class Thresholds:
     # -- the flight
     shortest: float = _of(
         20.0,
-        "Flight [s] from which anything is said, of many manoeuvres in all: a block of 5 s in each of the four groups",
+        "Flight [s] from which anything is said, for many manoeuvres in all: a block of 5 s in each of the four groups",
         "that take turns.",
     )
     least_time: float = _of(
         10.0,
-        "Flight without a gap [s] that replicas can repeat, of many manoeuvres in all: two blocks, one to fit and one",
+        "Flight without a gap [s] that replicas can repeat, for many manoeuvres in all: two blocks, one to fit and one",
         "to hold out.",
     )
     settled: float = _of(
@@ -36,12 +36,12 @@ class Thresholds:
     )
     least_noise: float = _of(
         0.5,
-        "Least noise of a sensor, over that of the file, that third differences are believed to say: a sensor that",
+        "Least noise of a sensor, over that of the file, that third differences are believed to show: a sensor that",
         "rounds or repeats its values seems to have none. A judgement.",
     )
     most_noise: float = _of(
         4.0,
-        "And the largest: beyond it a sensor is faulty, which is another matter than noise. A judgement.",
+        "And the largest: beyond it a sensor is faulty rather than noisy. A judgement.",
     )
     calm: float = _of(
         0.15,
@@ -50,18 +50,19 @@ class Thresholds:
     )
     wrong_for: float = _of(
         30.0,
-        "A state that was given up, since GPS contradicted it, was wrong for so long [s]. A judgement.",
+        "A state that was given up, since GPS contradicted it, had been wrong for this long [s]. A judgement.",
     )
 
     rolling: float = _of(
         20.0,
-        "What lies so near [s] to a time at which it was too slow to fly is left out: wheels may have pushed it. A jet",
-        "that touches down at twice the least airspeed and slows down by 0.2 g needs as long. A judgement.",
+        "What lies this near [s] to a time at which it was too slow to fly is left out: it may have been on its",
+        "wheels. A jet that touches down at twice the least airspeed and slows down by 0.2 g needs as long. A",
+        "judgement.",
     )
     rolling_speed: float = _of(
         1.2,
-        "A flight begins or ends too slow to fly where its airspeed there is below so many times the least one: slower",
-        "points are none. A judgement.",
+        "A flight begins or ends too slow to fly where its airspeed there is below this many times the least one:",
+        "slower points do not count. A judgement.",
     )
 
     # -- significance and size
@@ -70,10 +71,10 @@ class Thresholds:
         "Probability that a flight in which nothing is missing has anything in the list of candidates: the usual",
         "level.",
     )
-    verdict: float = _of(0.01, "The same of a verdict, and size is asked for as well.")
+    verdict: float = _of(0.01, "The same for a verdict, which needs size as well.")
     further: float = _of(
         1e-3,
-        "The same of an effect after the first one: what that leaves, since it has not quite the shape of the truth,",
+        "The same for an effect after the first one: what that leaves, since it has not quite the true shape,",
         "is in no replica. A judgement.",
     )
     again: float = _of(
@@ -111,18 +112,18 @@ class Thresholds:
     )
     doubt: float = _of(
         1.0,
-        "What replicas show of a candidate is known to so many times its own size: it comes from gusts, and those of",
-        "the flight are not those of the replicas.",
+        "What replicas show of a candidate is known to within this many times its own size: it comes from gusts, and",
+        "those of the flight are not those of the replicas.",
     )
     inferred_error: float = _of(
         0.7,
-        "Where angles of flow are inferred a delay of the controls must leave no more of the spread of a moment: half",
+        "Where flow angles are inferred, a delay of the controls must leave no more of the spread of a moment: half",
         "of its variance must be explained.",
     )
     left: float = _of(
         0.25,
         "What is left of an axis, as a share of its spread, above which the answer says so even where it has no name",
-        "for it. A judgement: of less the variance is a sixteenth.",
+        "for it. A judgement: in variance it is a sixteenth.",
     )
     left_times: float = _of(3.0, "And over the error of the replicas, as for parameters that are held.")
     left_most: float = _of(0.5, "The share above which most is left: the limit at which parameters are held for that.")
@@ -144,7 +145,7 @@ class Thresholds:
     )
     trim_left: float = _of(
         0.05,
-        "What is left of the trim, over what the elevator makes of it, from which it is worth a word. A judgement.",
+        "What is left of the trim, over what the elevator makes of it, from which it is reported. A judgement.",
     )
     trim_told: float = _of(
         3.0,
@@ -184,23 +185,23 @@ class Thresholds:
     setting_gain: float = _of(
         0.02,
         "Gain of the log-likelihood per sample of air data below which a setting is, in gusts, as good as that of the",
-        "file: gusts are no random walk, and that leaves some tenths of this to gain.",
+        "file: gusts are not a random walk, which leaves some tenths of this to gain.",
     )
     setting_total: float = _of(20.0, "And at least this in all, which is enough in calm air: far beyond chance.")
     least_scale: float = _of(
         0.03,
         "A scale of the airspeed that is nearer to 1, or a drift of it that grows to less, changes no coefficient by a",
-        "tenth of itself, with its square. Attitudes that are some tenths of a degree wrong feign such.",
+        "tenth of itself, with its square. Attitudes that are wrong by some tenths of a degree look like that.",
     )
     least_angle_scale: float = _of(
         0.05,
-        "The same of an angle of flow: derivatives are as wrong as it is, half of a tenth. A vane with inertia",
+        "The same for a flow angle: derivatives are as wrong as it is, half of a tenth. A vane with inertia",
         "loses some per cent of quick motion.",
     )
     least_offset: float = _of(
         0.012,
-        "Offset of an angle of flow [rad], or what a drift grows to in the flight, below which it is not named: an",
-        "attitude that is half a degree wrong feigns as much.",
+        "Offset of a flow angle [rad], or what a drift grows to in the flight, below which it is not named: an",
+        "attitude that is half a degree wrong looks the same.",
     )
     half_against: float = _of(
         3.0,
@@ -209,12 +210,12 @@ class Thresholds:
     )
     worse: float = _of(
         0.02,
-        "Mean ln of the held-out errors with a setting over those without, above which it is none. What noise makes of",
-        "this mean is some thousandths.",
+        "Mean ln of the held-out errors with a setting over those without, above which it is refused. Noise alone",
+        "makes some thousandths.",
     )
     least_delay: float = _of(
         0.02,
-        "A delay of a sensor [s] below which it is taken into account and is no fault. A judgement.",
+        "A delay of a sensor [s] below which it is taken into account and is not a fault. A judgement.",
     )
     least_delay_share: float = _of(
         0.6,
@@ -227,7 +228,8 @@ class Thresholds:
     )
     gust_lag: float = _of(
         0.05,
-        "Lag of the air data [s] for which that holds: gusts of another spectrum feign short ones, which need more.",
+        "Lag of the air data [s] for which that holds: gusts of another spectrum look like short ones, which need",
+        "more.",
     )
     control_gain: float = _of(
         0.25,
@@ -243,8 +245,8 @@ class Thresholds:
     # -- inputs that fail
     failure_evidence: float = _of(
         30.0,
-        "ln of the likelihood, less what free numbers cost, from which an input is said to have failed: of simulated",
-        "flights in which nothing failed none has one that meets all rules (docs/diagnosis.md).",
+        "ln of the likelihood, less what free parameters cost, from which an input is said to have failed: of",
+        "simulated flights in which nothing failed none has one that meets all rules (docs/diagnosis.md).",
     )
     acceleration_evidence: float = _of(
         60.0,
@@ -272,7 +274,7 @@ class Thresholds:
     )
     unrecorded_explained: float = _of(
         0.3,
-        "Share of the axis that the model with such a change must explain, or nothing is known of what it does beside:",
+        "Share of the axis that the model with such a change must explain, or nothing is known of what else it does:",
         "a clean flight of JSBSim that seemed to have one had 0.12, twelve with a rudder or a part of an aileron 0.56",
         "to 0.97.",
     )
@@ -280,13 +282,13 @@ class Thresholds:
     # -- in flight
     live_size: float = _of(
         0.20,
-        "Share of the rms error that an effect must explain in flight: twice that after it, since no replicas stand",
-        "beside it.",
+        "Share of the rms error that an effect must explain in flight: twice that after the flight, since there are no",
+        "replicas.",
     )
     live_level: float = _of(
         1e-6,
         "Level of the test in flight, over all candidates: small for the sake of the errors of the flow angles, which",
-        "are not in its covariance; no rate of false alarms.",
+        "are not in its covariance; it is not a false-alarm rate.",
     )
     live_least: float = _of(
         60.0, "Settled flight [s] from which anything is judged: manoeuvres must have been repeated."
@@ -298,7 +300,7 @@ class Thresholds:
         "Fast part of a residual over the noise of the file, or its inverse, from which a note says that the file is",
         "wrong: three times as far from 1 as the errors of clean flights are from their floor (docs/compare.md).",
     )
-    far_above: float = _of(1.5, "Held-out error over its floor from which a residual of only noise needs a word.")
+    far_above: float = _of(1.5, "Held-out error over its floor from which a residual of only noise gets a note.")
     failing: float = _of(
         1.5,
         "Rms residual over the noise from which a place is listed: the noise of a real aircraft is not known to the",

@@ -15,6 +15,7 @@ from aircraft_sysid_ros.diagnosis.finding import Finding, resting_on
 from aircraft_sysid_ros.diagnosis.flight.flight_data import BLOCK, FlightData
 from aircraft_sysid_ros.diagnosis.how_large import added_terms, how_large
 from aircraft_sysid_ros.diagnosis.measurement.setting import Setting
+from aircraft_sysid_ros.diagnosis.recorded_times import in_recording
 from aircraft_sysid_ros.diagnosis.search.candidates import TIMES_OF_CHANGE, Candidate
 from aircraft_sysid_ros.diagnosis.search.evaluator import errors_of
 from aircraft_sysid_ros.diagnosis.significance.error_regions import unusual
@@ -29,23 +30,23 @@ _HEADLINES = {
 }  # fmt: skip
 
 #: How advice begins where something has size, and is refused for another reason.
-_NOT_SURELY = "Nothing is surely missing:"
+_NOT_SURELY = "Nothing is clearly missing:"
 
 
 def headline(said: Mapping[str, Any]) -> str:
     """The answer in a few words, of the JSON that is said of a flight or of a part of it."""
     if said["verdict"] == NONE and said.get("replicas") == 0:  # the library was not searched
         return (
-            "no input has stopped acting, more was not looked for" if said["tried"] else "nothing could be looked for"
+            "no input has stopped acting, nothing else was checked" if said["tried"] else "nothing could be looked for"
         )
     if said["verdict"] == NONE and said.get("unknown"):
-        return "nothing can be named, since the angles of flow are not measured"
+        return "nothing can be named, since the flow angles are not measured"
     if said["verdict"] == NONE and said.get("left"):
         most = [axis for axis, of in said["left"].items() if of["error"] > THRESHOLDS.left_most]
         axes = listed([f"{axis[0]}_{axis[1]}" for axis in most or said["left"]])
         return f"nothing is named, and {'most' if most else 'part'} of {axes} is not explained"
     if said["verdict"] == NONE and str(said.get("advice", "")).startswith(_NOT_SURELY):
-        return "nothing is surely missing"
+        return "nothing is clearly missing"
     return _HEADLINES[said["verdict"]]
 
 
@@ -56,7 +57,7 @@ def chosen_anew(candidate: Mapping[str, Any]) -> str:
         return ""
     others = sorted({name or "nothing" for name in nested["others"]})
     return (
-        f"chosen anew without each quarter of the flight: the same in {nested['same']} of {nested['parts']}"
+        f"chosen again with each quarter of the flight left out: the same in {nested['same']} of {nested['parts']}"
         + (f" (else {listed(others)})" if others else "")
         + f"; error of {candidate['main_axis']} in the quarters left out {100.0 * nested['error_after']:.3g} %"
     )
@@ -65,8 +66,8 @@ def chosen_anew(candidate: Mapping[str, Any]) -> str:
 #: Candidates of which it is said why they are no verdict.
 _MOST_REFUSED = 2
 #: Why a place is no fault: one that the aircraft file leaves out, and one that it states.
-OF_PLACE = "it is counted with: the aircraft file does not say where the sensor is"
-OF_SHORT_WAY = "it is counted with: air data that are early or late by the averaging of a sensor look the same"
+OF_PLACE = "it is allowed for: the aircraft file does not say where the sensor is"
+OF_SHORT_WAY = "it is allowed for: air data that are early or late because a sensor averages look the same"
 
 
 @dataclass(frozen=True)
@@ -106,7 +107,7 @@ class FlightDiagnosis:
 
     @property
     def json(self) -> dict[str, Any]:
-        """The JSON of INTERFACE.md, with more about each candidate."""
+        """What ``diagnose --json`` prints, with more about each candidate."""
         return {
             **({"held_out": "runs" if self.flight.by_manoeuvre else "blocks of time"} if self.flight.runs else {}),
             "verdict": self.verdict,
@@ -190,10 +191,10 @@ class FlightDiagnosis:
         axis, unsure = finding.trial.main_axis, [f for f in self.diagnosis.candidates if f.is_unsure]
         why = finding.refusal(first=not found and not unsure)
         if not why and axis in resting_on(self.flight.inferred):
-            return "it rests on angles of flow that no vane measures"
+            return "it rests on flow angles that no vane measures"
         if not why and (more := next((f for f in unsure if f.trial.main_axis == axis), None)):
-            return f"{self._label(more.trial.candidate)} explains more of {axis[0]}_{axis[1]}, and does not come again"
-        return why or "with what is named in the model too little of it is left"
+            return f"{self._label(more.trial.candidate)} explains more of {axis[0]}_{axis[1]}, but is not chosen again"
+        return why or "with the named effects in the model, too little of it is left"
 
     def _where(self, finding: Finding) -> str:
         """Stretches of time that hold most of the evidence, and what sets them apart."""
@@ -210,7 +211,7 @@ class FlightDiagnosis:
         since_when = f"{self._when(candidate)}{self._in_recording(candidate)}; " if candidate.happens else ""
         if finding.told_by:
             return since_when + finding.told_by
-        fails = "one model of all of it fails in " if candidate.happens else ""  # before the change as after it
+        fails = "one model for the whole flight fails in " if candidate.happens else ""  # before the change as after it
         return f"{since_when}{fails}{axis[0]}_{axis[1]}, {spans}" + (f", {words}" if words else "")
 
     def _stamps(self, candidate: Candidate) -> dict[str, dict[str, int]]:
@@ -222,12 +223,7 @@ class FlightDiagnosis:
 
     def _in_recording(self, candidate: Candidate) -> str:
         """When that is since the first sample, in words, where the filter started late."""
-        late = (self.zero - self.recorded_from) * 1e-9
-        stamps = self._stamps(candidate).get("stamps", {}).values()
-        if not stamps or late < 1.0:
-            return ""
-        times = " to ".join(f"{(stamp - self.recorded_from) * 1e-9:.0f} s" for stamp in stamps)
-        return f" ({times} since the first sample: the filter started {late:.0f} s late)"
+        return in_recording(self._stamps(candidate).get("stamps", {}).values(), self.zero, self.recorded_from)
 
     def _runs_of(self, candidate: Candidate | None) -> dict[str, list[str] | None]:
         """Of several runs, those in which something changed between them; None of what is no such change."""
@@ -281,10 +277,10 @@ class FlightDiagnosis:
             if not corrected.matters:
                 stated = corrected.setting.nominal != 0.0 and not corrected.setting.is_place
                 stated = stated or corrected.why_no_fault == OF_SHORT_WAY
-                says = "states another number than" if stated else "leaves out what"
-                yield f"The aircraft file {says} is counted with here: {fault.name} (add {fault.identifier})."
+                says = "states another value than" if stated else "leaves out what"
+                yield f"The aircraft file {says} is used here: {fault.name} (add {fault.identifier})."
                 for other in corrected.confounded_with:
-                    yield f"It may as well be {BY_ID[other].name}; to separate them: {fault.manoeuvre}"
+                    yield f"It may equally be {BY_ID[other].name}; to separate them: {fault.manoeuvre}"
                 continue
             yield f"Correct the measurement first: {fault.name} (add {fault.identifier})."
 
@@ -320,19 +316,16 @@ class FlightDiagnosis:
         left = self.diagnosis.left
         if left:
             shares = {axis: f"{error:.0%}" if error <= 1.0 else "more than all" for axis, (error, _) in left.items()}
-            parts = [
-                f"{shares[a]} of {a[0]}_{a[1]} ({times:.0f} times what noise makes of it)"
-                for a, (_, times) in left.items()
-            ]
+            parts = [f"{shares[a]} of {a[0]}_{a[1]} ({times:.0f} times its noise)" for a, (_, times) in left.items()]
             if "CX" in left and self.diagnosis.bench.data.lacks({"Tc"}):
                 yield (
-                    "Thrust is not measured, and a throttle alone tells it badly, most of all of an engine whose speed "
-                    "takes its time: record thrust or propeller speed before C_X is believed."
+                    "Thrust is not measured, and the throttle alone is a poor measure of it, above all for an engine "
+                    "whose speed lags: record thrust or propeller speed before C_X is believed."
                 )
-            gusts = "" if self.is_calm else ", and gusts that roll and pitch it are shown by no sensor"
+            gusts = "" if self.is_calm else ", and no sensor shows gusts that roll and pitch it"
             yield (
-                f"The model leaves {listed(parts)}, which neither an effect nor an expression explains: look at what "
-                "it is given first (deflections that are commands, clocks that differ, an input that is not recorded)"
+                f"The model leaves {listed(parts)}, which neither an effect nor an expression explains: check its "
+                "inputs first (deflections that are commands, clocks that differ, an input that is not recorded)"
                 f"{gusts}."
             )
 
@@ -345,14 +338,15 @@ class FlightDiagnosis:
         noisy = [axis for axis, error in noise.items() if error * THRESHOLDS.above_floor >= 1.0]
         if noisy:
             axes = listed([f"{axis[0]}_{axis[1]}" for axis in noisy])
-            yield f"Of {axes} noise makes most in this flight: what acts there alone it cannot show without manoeuvres."
+            are = "are" if len(noisy) > 1 else "is"
+            yield f"{axes} {are} mostly noise in this flight: without manoeuvres it cannot show what acts there alone."
 
     def _advice(self) -> Iterator[str]:
         found = self.diagnosis.found
         for axis, times in self.diagnosis.unknown.items():
             yield (
-                f"The error of {axis[0]}_{axis[1]} is {times:.1f} times what the noise makes of it, and no name is "
-                "given: it rests on angles of flow that no vane measures, and may be their error. Measure them."
+                f"The error of {axis[0]}_{axis[1]} is {times:.1f} times its noise, and no effect is "
+                "named: it rests on flow angles that no vane measures, and may be their error. Measure them."
             )
         if self.verdict == NONE and not self.diagnosis.unknown:
             yield self._beginning
@@ -362,7 +356,7 @@ class FlightDiagnosis:
         yield from self._of_what_is_left()
         yield from self._of_noise()
         if not self.is_calm:
-            yield "What the air data leave looks like gusts, and hides a wrong scale or offset of them:"
+            yield "The air data residuals look like gusts, and hide a wrong scale or offset of the air data:"
             yield "fly in calm air to see one."
         yield from dict.fromkeys(self._of_measurement())  # a place has three numbers and one name
         for finding in found:
@@ -375,7 +369,7 @@ class FlightDiagnosis:
             else:
                 yield f"{effect.name} is missing (add {effect.identifier})."
             for axis, text in finding.shape.items():
-                yield f'Its shape is another one in {axis[0]}_{axis[1]}: add the expression "{axis}: {text}", too.'
+                yield f'Its shape differs in {axis[0]}_{axis[1]}: add the expression "{axis}: {text}", too.'
             for other in finding.not_told_from:
                 if other in BY_ID:
                     yield f"This flight cannot tell it from {BY_ID[other].name}; to separate them: {effect.manoeuvre}"
@@ -404,7 +398,7 @@ def _of_sensors(setting: Setting) -> str:
     inner = setting.effect.setting_number(setting.variant)
     if inner.name == "offset":
         value, nominal = np.degrees((setting.value, setting.nominal))
-        return f"{value:.2g} deg too much fit the sensors better than {nominal:.2g}"
+        return f"an offset of {value:.2g} deg fits the sensors better than {nominal:.2g}"
     if inner.name != "drift":
         beside = "".join(f", with {value:.2g} in {'.'.join(key)}" for key, value in setting.beside)
         return f"{setting.value:.3g} {inner.unit} fits {setting.judges} better than {setting.nominal:.3g}{beside}"

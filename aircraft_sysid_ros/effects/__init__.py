@@ -19,5 +19,5 @@ BY_ID: dict[str, Effect] = {effect.identifier: effect for effect in LIBRARY}
 def effect_of(identifier: str) -> Effect:
     """Effect of an id; InputError names all ids."""
     if identifier not in BY_ID:
-        raise InputError(f"'{identifier}' is no effect of the library: it has {' '.join(sorted(BY_ID))}")
+        raise InputError(f"'{identifier}' is not an effect of the library: it has {' '.join(sorted(BY_ID))}")
     return BY_ID[identifier]

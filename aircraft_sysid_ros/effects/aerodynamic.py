@@ -229,8 +229,8 @@ EFFECTS: tuple[Effect, ...] = (
         "propeller_thrust",
         "Thrust that falls with airspeed",
         AERODYNAMIC,
-        "At the same throttle δ a propeller pulls less the faster it flies, T = δ (T₀ - k V). Its part of C_X is no "
-        "constant times the throttle then, but falls with dynamic pressure and with speed.",
+        "At the same throttle δ a propeller pulls less the faster it flies, T = δ (T₀ - k V). Its part of C_X is not "
+        "a constant times the throttle then, but falls with dynamic pressure and with speed.",
         "B. McCormick, Aerodynamics, Aeronautics and Flight Mechanics; J. Roskam and C. Lan, Airplane Aerodynamics and "
         "Performance",
         "C_X += a δ / q̄ + b δ / V",
@@ -309,7 +309,7 @@ EFFECTS: tuple[Effect, ...] = (
         "Dihedral effect that depends on lift",
         AERODYNAMIC,
         "Sweep, wing tips and the interference of fuselage and wing make the rolling moment of sideslip depend on "
-        "lift. C_l,β is then a straight line in the angle of attack and no constant.",
+        "lift. C_l,β is then a straight line in the angle of attack and not a constant.",
         "B. Etkin and L. Reid, Dynamics of Flight; J. Roskam, Airplane Design, part VI",
         "C_l += a α β",
         (Variant(terms={"Cl": ("alpha*beta",)}),),
@@ -495,8 +495,9 @@ EFFECTS: tuple[Effect, ...] = (
         "lift_tilt",
         "Tilt of the lift with angle of attack",
         AERODYNAMIC,
-        "Lift stands on the flow and not on the body, so that α times every part of the lift, of the elevator and of "
-        "pitch rate as well, points forward in C_X. A C_X with α² alone knows only the part of the lift that α makes.",
+        "Lift is normal to the flow and not to the body, so that α times every part of the lift, of the elevator and "
+        "of pitch rate as well, points forward in C_X. A C_X with α² alone knows only the part of the lift that α "
+        "makes.",
         "V. Klein and E. Morelli, Aircraft System Identification: C_X = C_L sin α - C_D cos α",
         "C_X += α (a δ_e + b q)",
         (Variant(terms={"CX": ("alpha*de", "alpha*q")}),),
@@ -508,7 +509,7 @@ EFFECTS: tuple[Effect, ...] = (
         "Roll and yaw derivatives that depend on lift",
         AERODYNAMIC,
         "A yawing wing has more speed and so more lift on the outer side, and a rolling wing tilts its lift forward "
-        "on the down-going side. C_l,r and C_n,p are therefore in proportion to lift and no constants.",
+        "on the down-going side. C_l,r and C_n,p are therefore in proportion to lift and not constant.",
         "B. Etkin and L. Reid, Dynamics of Flight; J. Roskam, Airplane Design, part VI",
         "C_l += α (a r + b p), C_n += α (a p + b r)",
         (Variant(terms={"Cl": ("alpha*r", "alpha*p"), "Cn": ("alpha*p", "alpha*r")}),),

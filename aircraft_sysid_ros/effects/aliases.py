@@ -26,11 +26,11 @@ ALIASES: tuple[tuple[frozenset[str], str], ...] = (
     (
         frozenset({"mass_change", "parameter_change"}),
         "A wrong mass multiplies C_Z, which is a constant and a part in proportion to α: a change of C_Z,0 and C_Z,α. "
-        "Only C_X and C_Y, which it multiplies too, tell.",
+        "Only C_X and C_Y, which it multiplies too, show which it is.",
     ),
     (
         frozenset({"stall", "dynamic_stall"}),
-        "Where the angle of attack changes slowly beside the time of the flow, the flow is where it is in steady "
+        "Where the angle of attack is slow compared with the time of the flow, the flow is where it is in steady "
         "flight.",
     ),
     (
@@ -53,7 +53,7 @@ ALIASES: tuple[tuple[frozenset[str], str], ...] = (
     ),
     (
         frozenset({"adverse_yaw", "control_effectiveness_alpha"}),
-        "Both have α δ_a in C_n. Only what the ailerons do in C_l tells.",
+        "Both have α δ_a in C_n. Only what the ailerons do in C_l shows which it is.",
     ),
 )
 

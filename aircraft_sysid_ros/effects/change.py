@@ -86,7 +86,7 @@ EFFECTS: tuple[Effect, ...] = (
             _one_aileron("da", "1"),
             surface("rudder", ("Cn", "CY"), _after("dr", "1"), besides=("Cl",)),
         ),
-        "As of a damage, with a constant moment from the same moment on.",
+        "As of damage, with a constant moment from the same time on.",
         "Doublets of every surface, repeated during the flight.",
         _TIME_OF_CHANGE,
         share_sign=-1.0,
@@ -186,8 +186,9 @@ EFFECTS: tuple[Effect, ...] = (
         "tow_line",
         "Tow line, tether or load on a line",
         CHANGE,
-        "A line that is hooked on or dropped pulls with a force of its own, which does not grow with dynamic pressure "
-        "as those of the air do. Where it holds away from the centre of gravity it makes a pitching moment as well.",
+        "A line that is hooked on or dropped pulls with a force of its own, which does not grow with dynamic "
+        "pressure as those of the air do. Where it is attached away from the centre of gravity it makes a pitching "
+        "moment as well.",
         "B. Etkin and L. Reid, Dynamics of Flight; W. Phillips, Mechanics of Flight",
         "C_X, C_Z, C_m += a / q̄ for t > t₀, or for t < t₀, with a number for each axis",
         (

@@ -49,7 +49,7 @@ EFFECTS: tuple[Effect, ...] = (
         "airspeed_scale",
         "Scale of airspeed",
         MEASUREMENT,
-        "Static ports in disturbed pressure and a pitot tube out of line show a share too much or too little. All "
+        "Static ports in disturbed pressure and a pitot tube out of line read too high or too low by a share. All "
         "coefficients are then wrong by its square.",
         "W. Gracey, Measurement of Aircraft Speed and Altitude, NASA RP-1046; V. Klein and E. Morelli, "
         "Aircraft System Identification",
@@ -187,7 +187,7 @@ EFFECTS: tuple[Effect, ...] = (
         "IMU later than recorded",
         MEASUREMENT,
         "Filters in an IMU, or in what records it, smooth rates and accelerations and make them late, while attitude "
-        "and velocity of an onboard filter are on time. Controls and angles of flow then seem to come early, as if the "
+        "and velocity of an onboard filter are on time. Controls and flow angles then seem to come early, as if the "
         "flow or the surfaces had a memory.",
         "R. Jategaonkar, Flight Vehicle System Identification (data compatibility, time shifts)",
         "ω and A measured at t show t - τ",
@@ -248,7 +248,7 @@ EFFECTS: tuple[Effect, ...] = (
         "Wind that changes faster than assumed",
         MEASUREMENT,
         "The reconstruction takes the wind for nearly constant; a front, wave or shear changes it within seconds. "
-        "Until the estimate has followed, the angles of flow are wrong.",
+        "Until the estimate has followed, the flow angles are wrong.",
         "MIL-F-8785C, 3.7.3 (discrete gusts); (6.16)-(6.18) of docs/references.md hold for constant wind only",
         "random walk of the wind larger than the process noise of the file",
         (Variant(setting=("process_noise", "wind")),),

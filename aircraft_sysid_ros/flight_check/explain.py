@@ -184,12 +184,12 @@ def _ratio(fault: Fault) -> tuple[Finding, float]:
     text = f"it is {ratio:.3f} times (between {low:.3f} and {high:.3f}) what it should be by {against}"
     taken = min(units, key=lambda unit: abs(np.log(unit * ratio)), default=1.0)
     if units and max(ratio, 1.0 / ratio) > _LEAST_UNIT and 1.0 / _TAKEN < taken * ratio < _TAKEN:
-        remedy = f"it looks as if it had been taken for {units[taken]} and is not: correct its unit, or multiply it by"
+        remedy = f"it seems to have been read as {units[taken]}, which it is not: correct its unit, or multiply it by"
         return Finding((name,), "unit", ERROR, f"{text}: {remedy} {taken:.6g}"), 1.0 / taken
     kind, severity = ("unit", ERROR) if max(ratio, 1.0 / ratio) > 2.0 else ("scale", WARNING)
     first = _KELVIN_WORDS if name == "air_density" and _KELVIN[0] < ratio < _KELVIN[1] else ""
     flattened = name in GYRO and ratio > 1.0 and kind == "scale" and {relation.first, relation.second} & {*ATTITUDE}
-    last = ", unless the filter that made the attitude flattens it" if flattened else ""
+    last = ", unless the attitude filter smooths it" if flattened else ""
     return Finding((name,), kind, severity, f"{text}: {first}calibrate it, or divide it by {ratio:.3f}{last}"), ratio
 
 
@@ -206,7 +206,8 @@ def _late(fault: Fault, flight: Flight) -> Finding:
     remedy = f"take {fault.size:.2f} s off its stamps, or state that delay in the aircraft file"
     if fault.signal == "imu":
         remedy = (
-            f"its stamps are {way}, or all others are not: take {fault.size:.2f} s off, or state the others' delays"
+            f"its stamps are {way}, or all the others are wrong: take {fault.size:.2f} s off, or state the others' "
+            "delays"
         )
     low, high = relation.lag
     if low <= 0.0 <= high:

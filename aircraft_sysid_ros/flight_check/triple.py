@@ -70,6 +70,6 @@ class Triple:
                 found.append(Finding(
                     (self.names[i],), "sign", ERROR,
                     f"it follows what {other} should be by {self.words} (correlation {comparison.correlation:.2f}) and "
-                    f"not its own: the axes are exchanged, take this one for {way}{other}",
+                    f"not its own: the axes are swapped, use this one as {way}{other}",
                 ))  # fmt: skip
         return found

@@ -312,7 +312,7 @@ class Reading(NamedTuple):
         when = f"from {self.since:.0f} s to {self.until:.0f} s" if over else f"since {self.since:.0f} s"
         sentence = (
             f"it {'read' if over else 'reads'} {self.scale:.2f} ± {self.std:.2f} of what GPS and wind say, {when} of "
-            "flight: look at pitot tube, lines and calibration"
+            "flight: check pitot tube, lines and calibration"
         )
         return Finding(("true_airspeed",), "scale", WARNING if over else ERROR, sentence)
 
@@ -365,10 +365,10 @@ class WindTriangle:
         scale, std = float(np.mean(scales)), float(np.hypot(np.max(stds), 0.5 * np.ptp(scales)))
         speed = float(np.median(self._flown[:, _SPEED]))
         sentence = (
-            f"it reads {scale:.3f} ± {std:.3f} of what GPS and wind say: the wind that it makes is off by about "
+            f"it reads {scale:.3f} ± {std:.3f} of what GPS and wind say: the wind computed from it is off by about "
             f"{abs(1.0 / scale - 1.0) * speed:.1f} m/s and every coefficient by {100.0 * abs(scale**-2 - 1.0):.0f} %, "
-            "which their standard errors do not count: calibrate it, or set the scale of the airspeed in the aircraft "
-            "file"
+            "which their standard errors do not include: calibrate it, or set the scale of the airspeed in the "
+            "aircraft file"
         )
         self._small = Finding(("true_airspeed",), "scale", WARNING, sentence)
 

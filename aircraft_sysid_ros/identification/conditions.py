@@ -28,7 +28,7 @@ CONTROL_SIGNALS = frozenset(CONTROL_COLUMNS)
 def needs(names: Sequence[str]) -> str:
     """That a model reads signals which were not measured, and what to do about it, in words."""
     are, them, their = ("are", "them", "their") if len(names) > 1 else ("is", "it", "its")
-    ground = ", or say ground_altitude in the aircraft file" if "height" in names else ""
+    ground = ", or give ground_altitude in the aircraft file" if "height" in names else ""
     record = f"record {them}{ground}, or take {their} terms out of the model"
     return f"needs {listed(names)}, which {are} not measured: {record}"
 

@@ -118,7 +118,7 @@ class DoubtfulConstants:
             if constant is None or slope is None or constant.status != Trust.USE or slope.status == Trust.USE:
                 continue
             if self._is_extrapolated(angle):
-                why = f"is carried to an {_NAMES[angle]} of 0 by {slope.name}, which is not known"
+                why = f"is extrapolated to an {_NAMES[angle]} of 0 with {slope.name}, which is not known"
                 parameters[constant.name] = replace(constant, status=Trust.HOLD, reason=why)
         return replace(estimates, parameters=tuple(parameters.values()))
 
@@ -127,7 +127,7 @@ def _held_constant(estimate: ParameterEstimate, why: str) -> ParameterEstimate:
     """A constant that a bias of the IMU may stand in, with HOLD; any other parameter as it is."""
     if not estimate.name.endswith("_0") or estimate.status != Trust.USE:
         return estimate
-    return replace(estimate, status=Trust.HOLD, reason=f"{why} a bias of the IMU may stand in it")
+    return replace(estimate, status=Trust.HOLD, reason=f"{why} it may contain an IMU bias")
 
 
 def slopes_of_terms(model: AerodynamicModel, rows: Array, angle: str) -> Array:

@@ -62,7 +62,7 @@ class Fault:
 
 FAULTS: dict[str, Fault] = {
     "airspeed_scale": Fault(
-        "airspeed_scale", 0.05, "the airspeed shows too much, by", "the airspeed shows too little, by"
+        "airspeed_scale", 0.05, "the airspeed reads too high, by", "the airspeed reads too low, by"
     ),
     "mass": Fault("mass", 0.08, "the mass is above that of the file by", "the mass is below that of the file by"),
     "centre_of_gravity": Fault(
@@ -175,7 +175,7 @@ class HealthWatch:
         others = " or ".join(kind.replace("_", " ") for kind in found.kinds[1:])
         alike = f"; this flight cannot tell it from {others}" if others else ""
         words = FAULTS[found.kinds[0]].words(found.size, found.std)
-        return f"from {found.since:.0f} s: {words}, beside {self._flights}{alike}"
+        return f"from {found.since:.0f} s: {words}, compared with {self._flights}{alike}"
 
     def notes(self) -> list[str]:
         """All that was found in the flight, in words."""

@@ -121,4 +121,4 @@ class Landing:
         """That it is on the ground, in a flight since ``start`` [s]; empty: it is not."""
         if np.isnan(self.since):
             return ""
-        return f"on the ground since {max(self.since - start, 0.0):.1f} s: the values from the air"
+        return f"on the ground since {max(self.since - start, 0.0):.1f} s: the values are those from the air"

@@ -27,15 +27,17 @@ _FORMAT = "aircraft_sysid_ros model 1"
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
 #: [bytes] A hundred terms have less than one.
 _LARGEST = 10_000_000
-_LEARNT = ("theta", "p", "sums", "noise_square", "updates", "vane_covariance")
+_LEARNT = ("theta", "p", "sums", "noise_square", "updates")
+#: What older files do not have.
+_LEARNT_LATER = ("vane_covariance", "sampling", "bias_variance", "prior", "prior_variance")
 
 
 def in_folder(folder: str | Path, name: str) -> Path:
     """Where a model of that name is in the folder of a node. Raises InputError for what is more than a name."""
     if not _NAME.fullmatch(name):
         raise InputError(
-            f"a model has a name and no path, not {shown(name)}: letters, digits, . _ and -, such as cruise.json; "
-            f"it is in {folder}"
+            f"a model is given by name and not by path, not {shown(name)}: letters, digits, . _ and -, such as "
+            f"cruise.json; it is in {folder}"
         )
     return Path(folder).expanduser() / name
 
@@ -48,7 +50,7 @@ def save_model(estimator: Identifier, path: str | Path) -> None:
         "model": estimator.model.identifier,
         "terms": estimator.model.terms,
         "parameters": parameters_json(estimator)["parameters"],
-        "learnt": {name: getattr(learnt, name).tolist() for name in _LEARNT},
+        "learnt": {name: getattr(learnt, name).tolist() for name in (*_LEARNT, *_LEARNT_LATER)},
         "sensors": {name: sums.tolist() for name, sums in estimator.learning.undescribed.sums.items()},
     }
     path = Path(path)
@@ -68,7 +70,7 @@ def _read(path: Path) -> Any:
     with os.fdopen(os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK), "rb") as file:
         status = os.fstat(file.fileno())
         if not stat.S_ISREG(status.st_mode) or status.st_size > _LARGEST:
-            raise ValueError("no file of a model")
+            raise ValueError("not a model file")
         return json.loads(file.read(_LARGEST))
 
 
@@ -82,9 +84,9 @@ def load_model(estimator: Identifier, path: str | Path) -> str:
         raise InputError(f"{path} is not a model of this program: give a file written by save_model")
     try:
         terms = model_from_terms(content["terms"], estimator.model.inputs).terms
-        nothing = {"vane_covariance": estimator.learning.least_squares.new_state(estimator.model).vane_covariance}
-        saved = nothing | content["learnt"]  # an older file does not have it
-        learnt = {name: np.array(saved[name], dtype=np.float64) for name in _LEARNT}
+        nothing = estimator.learning.least_squares.new_state(estimator.model)
+        saved = {name: getattr(nothing, name) for name in _LEARNT_LATER} | content["learnt"]
+        learnt = {name: np.array(saved[name], dtype=np.float64) for name in (*_LEARNT, *_LEARNT_LATER)}
         sensors = {name: np.array(sums, dtype=np.float64) for name, sums in content.get("sensors", {}).items()}
     except (KeyError, TypeError, ValueError, AttributeError):
         raise InputError(f"the model file {path} is damaged: save it again") from None

@@ -11,7 +11,7 @@ from aircraft_sysid_ros.option import OptionError, option, options, options_of
 from aircraft_sysid_ros.reconstruction.options import LONGEST_WAIT
 
 EstimatorName = Literal["auto", "rls", "fourier", "rml"]
-_WINDOW = "the windows that were learnt from are made of it"
+_WINDOW = "the windows that were learnt from are made with it"
 _FORM = "what was learnt is in its form"
 
 
@@ -73,4 +73,4 @@ def check_change(before: ParameterOptions, after: ParameterOptions) -> None:
     weighted = ("forgetting_time",) if before.estimator == "fourier" else ()  # the transforms are
     for name in (*STRUCTURE, *weighted):
         if getattr(before, name) != getattr(after, name):
-            raise InputError(f"{name} cannot change while the estimator {before.estimator} learns: it is made of it")
+            raise InputError(f"{name} cannot change while the estimator {before.estimator} learns: it is built with it")

@@ -128,7 +128,7 @@ def _by_gusts(axis: str, names: Sequence[str], excitation: Array, rules: TrustRu
     of_surfaces = [j for j, name in enumerate(names) if name.partition("_")[2] in ("da", "dr")]
     if axis not in _TURNED_BY_GUSTS or not of_surfaces or np.any(excitation[of_surfaces] >= rules.excitation):
         return ""
-    return f"nothing but gusts moves {axis} yet: move the {_INPUT_OF_AXIS[axis]}"
+    return f"so far only gusts move {axis}: move the {_INPUT_OF_AXIS[axis]}"
 
 
 def _apart(estimate: AxisEstimate, known: AxisEstimate, per_unit: Array) -> list[bool]:

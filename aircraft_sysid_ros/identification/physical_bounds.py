@@ -32,4 +32,4 @@ def check_bounds(bounds: Mapping[str, tuple[float, float]]) -> None:
         lowest, highest = physical_bounds(name)
         if low >= highest or high <= lowest:
             have, given = f"{lowest:g} to {highest:g}", f"{low:g} to {high:g}"
-            raise InputError(f"parameter_bounds {name} must meet what aeroplanes have, {have}: {given} does not")
+            raise InputError(f"parameter_bounds {name} must overlap what aeroplanes have, {have}: {given} does not")

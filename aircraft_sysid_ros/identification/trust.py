@@ -115,7 +115,7 @@ def judge(evidence: Evidence, rules: TrustRules) -> Verdict:
         share = 100 * e.std / max(abs(e.value), 1e-12)
         return Verdict(Trust.HOLD, f"its standard error is {share:.0f} % of its value")
     if not low <= e.value <= high:
-        sign = "has the sign that aeroplanes do not have, within its error"
+        sign = "has a sign that aeroplanes do not have, within its error"
         return Verdict(Trust.HOLD, f"{e.value:.3g} {sign}")
     if not lowest <= e.value <= highest:
         return Verdict(Trust.HOLD, f"{_outside(e)}, within its error")

@@ -33,7 +33,7 @@ class BackOptions:
         strange = next((name for name in self.parameters if name.partition("_")[0] not in AXES), None)
         if strange is not None:
             raise InputError(
-                f"'{strange}' is no parameter to send back: give an axis and a term, such as CZ_alpha "
+                f"'{strange}' is not a parameter to send back: give an axis and a term, such as CZ_alpha "
                 f"(axes: {', '.join(AXES)})"
             )
         short = [name[:NAME_LENGTH] for name in self.parameters]

@@ -108,7 +108,7 @@ class Px4Listener:
 
     def _start_anew(self, sent: int) -> None:
         self.restarts += 1
-        self.notes.append("the autopilot has started anew")
+        self.notes.append("the autopilot has restarted")
         self.clock.reset()
         self.assembler = Assembler(PX4, self.mapping)
         self._newest_remote = sent

@@ -235,7 +235,9 @@ def _moved(what: str, content: Mapping[Any, Any]) -> tuple[str, str]:
     if is_reserved(name) or name in SIGNALS:
         raise InputError(f"{what}: the input '{name}' has a name that terms use otherwise: give it another one")
     if not is_name(name):
-        raise InputError(f"{what}: the input '{name[:60]}' cannot stand in a term: name it with letters, digits and _")
+        raise InputError(
+            f"{what}: the input '{name[:60]}' cannot be used in a term: name it with letters, digits and _"
+        )
     return str(surface or ""), name
 
 
@@ -247,7 +249,7 @@ def _check_ranges(what: str, unit: str, points: Array, surface: str, values: Arr
     if surface == "throttle" and not (values.min() >= 0.0 and values.max() <= 1.0):
         raise InputError(f"{what}: the fraction of a throttle lies between 0 and 1")
     if np.abs(values).max() > LARGEST_DEFLECTION:
-        raise InputError(f"{what}: {np.abs(values).max():g} rad is no deflection: degrees go under deg")
+        raise InputError(f"{what}: {np.abs(values).max():g} rad is not a deflection: degrees go under deg")
 
 
 def _check_surfaces(surfaces: Mapping[int, str]) -> None:

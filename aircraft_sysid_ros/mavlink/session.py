@@ -165,7 +165,7 @@ class Session:
         other = f"{name}, system {system}, is heard"
         if not self.is_heard and other != self._other:
             self._other = other
-            self.notes.append(f"{self.condition}: start the bridge anew to follow it")
+            self.notes.append(f"{self.condition}: restart the bridge to follow it")
 
     def _is_from_vehicle(self, message: Any) -> bool:
         vehicle = self.vehicle
@@ -185,7 +185,7 @@ class Session:
 
     def _restart(self, now: int) -> None:
         """The autopilot started anew: its clock, its rates and what it last said are gone."""
-        self.notes.append("the autopilot has started anew")
+        self.notes.append("the autopilot has restarted")
         self.clock.reset()
         self._number = None
         self.assembler = Assembler(MAVLINK, self.mapping)

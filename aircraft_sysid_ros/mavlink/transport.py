@@ -31,7 +31,7 @@ _WHAT_TO_DO = {
     errno.EADDRINUSE: "another program has this port, perhaps a ground station; end that or take another port",
     errno.ECONNREFUSED: "nobody listens there; start the autopilot or its simulator first",
     errno.ENOENT: "is it plugged in, and is this its name?",
-    errno.EACCES: "its group, usually dialout, has to have you as a member",
+    errno.EACCES: "you must be a member of its group, usually dialout",
 }
 _KINDS = ("udp", "udpin", "udpout", "tcp", "serial")
 

@@ -30,7 +30,7 @@ _MADE = "subscriptions are made when the node is activated"
 
 def _check_frame(prefix: str) -> None:
     if prefix.startswith("/") or any(character.isspace() for character in prefix):
-        raise InputError(f"frame_prefix begins a frame, without / before it and without spaces, unlike {prefix!r}")
+        raise InputError(f"frame_prefix begins a frame name, without leading / and without spaces, unlike {prefix!r}")
 
 
 #: Parameters that both nodes have.
@@ -339,7 +339,7 @@ class EstimatorNode(ConfigurableNode, ABC):
             kind, topic = heard.subscription.msg_type, heard.subscription.topic_name
             mine = f"{kind.__module__.partition('.')[0]}/msg/{kind.__name__}"
             others = sorted({info.topic_type for info in self.get_publishers_info_by_topic(topic)} - {mine})
-            found += [f"{topic} is published as {echo(other)}, and heard as {mine}" for other in others]
+            found += [f"{topic} is published as {echo(other)}, but heard as {mine}" for other in others]
         return "; ".join(found)
 
     def _log(self, problem: str) -> None:

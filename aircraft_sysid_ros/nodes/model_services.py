@@ -36,7 +36,7 @@ from aircraft_sysid_ros.ros_messages.output_messages import BASE_FRD
 
 Array = npt.NDArray[np.float64]
 
-_NO_REASON = "it explains less of the flight so far than its numbers cost, which gives no reason to keep it"
+_NO_REASON = "it explains less of the flight so far than its parameters cost, which gives no reason to keep it"
 _FORGOTTEN = "what was found is forgotten with what was learnt: the next search begins when enough is known again"
 #: Time [s] between looks whether a search has ended.
 _POLL = 0.2

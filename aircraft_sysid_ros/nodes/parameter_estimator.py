@@ -291,7 +291,7 @@ class ParameterEstimatorNode(EstimatorNode):
 
     def _on_reset(self, _request: Reset.Request, response: Reset.Response) -> Reset.Response:
         self.begin_anew()
-        response.success, response.message = True, "the parameters start anew"
+        response.success, response.message = True, "the parameters start over"
         self.note_call("reset", response.message)
         return response
 

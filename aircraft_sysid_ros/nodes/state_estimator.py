@@ -62,7 +62,7 @@ OPTIONS = {
     "publish_tf": NodeOption(
         False,
         "Also send the pose of `~/odometry` to /tf, as map to base_link; needs tf2_msgs.",
-        fixed="who hears /tf would lose the frame",
+        fixed="listeners to /tf would lose the frame",
         when=When.CONFIGURED,
         check=_check_transforms,
     ),
@@ -240,7 +240,7 @@ class StateEstimatorNode(EstimatorNode):
     def _on_reset(self, _request: Reset.Request, response: Reset.Response) -> Reset.Response:
         self._survive(self._push)
         self.begin_anew()
-        response.success, response.message = True, "the state starts anew"
+        response.success, response.message = True, "the state starts over"
         self.note_call("reset", response.message)
         return response
 

@@ -39,12 +39,12 @@ def of_manoeuvres(said: Sequence[Sequence[str]], names: Sequence[str] = ()) -> l
 class NoAirspeedError(InputError):
     """A flight without airspeed, of which nobody has said that its air was calm: ``why``, and what to do of one."""
 
-    why = "this flight has no airspeed, and nothing can be said of its model without one"
+    why = "this flight has no airspeed, and nothing can be said about its model without one"
 
     def __init__(self) -> None:
         super().__init__(
-            f"{self.why}: replay it with --calm-air, which takes the speed over ground for it, and compare, diagnose, "
-            "add and refine take that up"
+            f"{self.why}: replay it with --calm-air, which uses the speed over ground instead, and compare, diagnose, "
+            "add and refine follow it"
         )
 
 
@@ -72,7 +72,7 @@ def assumed_calm(samples: Samples, calm_air: bool) -> list[str]:
     """What every answer says of a flight whose wind was taken for none; empty where its airspeed was measured."""
     if has_airspeed(samples) or not calm_air:
         return []
-    return ["no airspeed was measured: the air was taken as calm, and what wind there was is in every number"]
+    return ["no airspeed was measured: the air was taken as calm, and any wind that there was is in every number"]
 
 
 def _of_gps(sensors: Sensors) -> list[str]:
@@ -100,7 +100,7 @@ def _of_height(sensors: Sensors, ground: float | None) -> list[str]:
         return []
     where = "sea level (or the ground_altitude of the aircraft file)" if ground is None else f"{ground:g} m"
     return [
-        f"neither GPS position nor static pressure: the air density is the standard one at {where}, and a per cent "
+        f"neither GPS position nor static pressure: the air density is the standard one at {where}, and each per cent "
         "that it is off by is one in every coefficient"
     ]
 
@@ -109,10 +109,10 @@ def _of_air_data(sensors: Sensors, calm_air: bool) -> list[str]:
     if Kind.AIRSPEED not in sensors.usable:
         if calm_air:
             return [
-                "no airspeed: the air is taken as calm, and a per cent by which a wind changed the airspeed is two in "
-                "every coefficient, which no standard error counts"
+                "no airspeed: the air is taken as calm, and each per cent by which wind changed the airspeed is two "
+                "in every coefficient, which no standard error includes"
             ]
-        return ["no airspeed: no parameter is learnt; calm_air (--calm-air) takes the speed over ground for it"]
+        return ["no airspeed: no parameter is learnt; calm_air (--calm-air) uses the speed over ground instead"]
     angles = (("angle of attack", Kind.ANGLE_OF_ATTACK), ("sideslip", Kind.SIDESLIP))
     lacking = " and no ".join(name for name, kind in angles if kind not in sensors.usable)
     if not lacking:

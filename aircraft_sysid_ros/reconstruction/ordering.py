@@ -58,7 +58,7 @@ class OrderCounts:
         if self.standing < _MANY or self.standing < _MOST_STAND * received:
             return ""
         return (
-            f"the stamps of the IMU stand still: {self.standing} of {received} samples have that of the one before; "
+            f"the stamps of the IMU do not advance: {self.standing} of {received} samples have that of the one before; "
             "the driver must stamp each with the time at which it was taken"
         )
 
@@ -70,7 +70,7 @@ class OrderCounts:
             return ""
         count, total = (int(sum(each[kind] for kind in wrong)) for each in (self.wrong_stamp, self.received))
         ahead = float(min(self.least_ahead[kind] for kind in wrong)) / NANOSECONDS
-        leap = ", as time of GPS is ahead of UTC" if 17.0 <= ahead < 19.0 else ""
+        leap = ", as GPS time is ahead of UTC" if 17.0 <= ahead < 19.0 else ""
         return (
             f"{count} of {total} samples of the GPS are stamped {ahead:.1f} s or more ahead of the other sensors{leap}"
             ", and are left out: stamp them by the clock that stamps the IMU"

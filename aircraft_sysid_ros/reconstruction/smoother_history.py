@@ -141,7 +141,7 @@ class SmootherHistory:
         except OSError as error:
             raise InputError(
                 f"the smoother needs about 1 GB per hour of flight in {tempfile.gettempdir()}: {error.strerror}; "
-                "let the variable TMPDIR name a folder that has it"
+                "set the variable TMPDIR to a folder that has it"
             ) from None
         segment.steps += len(steps)
         segment.rows += len(rows)

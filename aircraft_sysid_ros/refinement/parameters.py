@@ -115,7 +115,7 @@ def judged(
         missing = needs(lacking) if lacking else doubts.get(name[:2], "")
         excitation = run_parameters.get(name, {}).get("excitation")
         excited = np.inf if excitation is None else float(excitation)
-        status, reason = "HOLD", "this flight does not tell it: not moved from its start"
+        status, reason = "HOLD", "this flight does not determine it: left at its start value"
         if active[i] or lacking:
             evidence = Evidence(name, float(theta[i]), float(std[i]), excited, float(effect[i]), samples, missing)
             verdict = judge(evidence, rules)

@@ -173,7 +173,7 @@ def _check_mass(run: RunData) -> None:
         same = np.allclose(body.inertia, filed.inertia, rtol=0.02, atol=0.02 * float(np.trace(filed.inertia)))
         if abs(body.mass / filed.mass - 1.0) > 0.01 or not same or np.any(np.abs(body.imu - filed.imu) > 0.01):
             raise InputError(
-                "the run has mass properties other than those of its aircraft file: refine takes them for constant, "
+                "the run has mass properties other than those of its aircraft file: refine takes them as constant, "
                 "so replay a recording without them, with the right ones in the file"
             )
 

@@ -163,9 +163,9 @@ def test_what_is_no_expression_is_one_clear_line(text):
 
 
 def test_an_unknown_name_is_quoted_with_what_was_meant_or_the_names_that_there_are():
-    with pytest.raises(InputError, match=r"'wing' in 'wing\*\*2' is no signal: use one of alpha beta"):
+    with pytest.raises(InputError, match=r"'wing' in 'wing\*\*2' is not a signal: use one of alpha beta"):
         parse_expression("wing**2")
-    with pytest.raises(InputError, match=r"'alfa' in 'alfa\*\*2' is no signal: did you mean alpha\?"):
+    with pytest.raises(InputError, match=r"'alfa' in 'alfa\*\*2' is not a signal: did you mean alpha\?"):
         parse_expression("alfa**2")
 
 

@@ -114,8 +114,8 @@ def test_after_a_gap_and_after_what_is_not_known_it_begins_anew():
         ("limited(alpha,1/0)", "must be a number above 0"),
         ("limited(alpha,q)", "must be a number above 0"),
         ("limited(lag(alpha,1),1)", "a lag within a lag"),
-        ("lag", "is no signal"),
-        ("lag(gamma,1)", "is no signal"),
+        ("lag", "is not a signal"),
+        ("lag(gamma,1)", "is not a signal"),
     ],
 )
 def test_what_is_no_lag_is_refused_in_one_sentence(text, why):

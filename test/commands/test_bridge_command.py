@@ -57,7 +57,7 @@ def test_a_bad_namespace_is_one_line():
     command = [sys.executable, "-m", "aircraft_sysid_ros.commands.main", "bridge", "udpout:127.0.0.1:9"]
     done = subprocess.run([*command, "--namespace", "1a"], capture_output=True, text=True, timeout=300, check=False)
     (line,) = done.stderr.splitlines()
-    assert done.returncode == 2 and "--namespace 1a is no namespace: " in line and "starts with a number" in line
+    assert done.returncode == 2 and "--namespace 1a is not a namespace: " in line and "starts with a number" in line
 
 
 @pytest.mark.long

@@ -114,8 +114,8 @@ def test_bad_input_is_one_sentence(bag, tmp_path, capsys):
     assert "cannot read the calibration file" in says(capsys, *probe, "--calibration", tmp_path / "none.yaml")
     (tmp_path / "file").write_text("")
     assert "must be a folder" in says(capsys, *probe, "--out", tmp_path / "file")
-    assert "of the five-hole probe" in says(capsys, "magnetometer", bag, "--curve", "cubic")
-    assert "no folder that can be written" in says(capsys, *probe, "--out", tmp_path / "file" / "sub")
+    assert "for the five-hole probe" in says(capsys, "magnetometer", bag, "--curve", "cubic")
+    assert "not a folder that can be written" in says(capsys, *probe, "--out", tmp_path / "file" / "sub")
     scaled = yaml.safe_load(config_path(CALIBRATION_AIRCRAFT).read_text())
     scaled.setdefault("sensors", {})["airspeed"] = {"noise": 0.3, "scale": 1.1}
     (tmp_path / "scaled.yaml").write_text(yaml.safe_dump(scaled))

@@ -203,7 +203,7 @@ def test_a_folder_without_permission(cli, bag, aircraft_file, tmp_path):
         ("replay BAG --aircrft FILE --out RUN", ("--aircraft: did you mean --aircraft in place of --aircrft?",)),
         ("replay BAG --aircraft FILE --ovt=RUN", ("--out: did you mean --out in place of --ovt?",)),
         ("replay BAG --aircraft FILE --out RUN --estimator rsl", ("did you mean rls?",)),
-        ("diagnose RUN --replicas 1e1", ("--replicas: '1e1' is no whole number",)),
+        ("diagnose RUN --replicas 1e1", ("--replicas: '1e1' is not a whole number",)),
         ("replay BAG --aircraft FILE --out RUN --horizon soon", ("--horizon", "'soon'")),
         ("replay BAG --aircraft FILE --out RUN --horizon -1", ("--horizon must be between 0 and 5",)),
         ("replay BAG --aircraft FILE --out RUN --horizon nan", ("--horizon must be between 0 and 5",)),
@@ -215,7 +215,7 @@ def test_a_folder_without_permission(cli, bag, aircraft_file, tmp_path):
         ("replay BAG --aircraft FILE --out RUN --wrong 1", ("unrecognized arguments: --wrong",)),
         ("live --aircraft FILE --until-idle 0", ("--until-idle must be a positive time",)),
         ("live --aircraft FILE --forgetting-time 1e7", ("--forgetting-time",)),
-        ("live --aircraft FILE --namespace a:b", ("--namespace a:b is no namespace",)),
+        ("live --aircraft FILE --namespace a:b", ("--namespace a:b is not a namespace",)),
         ("live --aircraft FILE --ready-file /nowhere/ready", ("cannot write /nowhere/ready",)),
         ("play nowhere", ("there is no recording nowhere",)),
         ("play BAG --rate -2", ("--rate must be 0 or more",)),
@@ -527,7 +527,7 @@ def test_ten_seconds_without_one_sensor_alone(cli, everything, aircraft_file, tm
     gaps = [note for note in result["notes"] if " gap of " in note]
     assert len(gaps) == 1
     assert result["state"]["clock_restarts"] == 0
-    assert not any("aligned anew" in note for note in result["notes"])
+    assert not any("realigned" in note for note in result["notes"])
 
 
 @pytest.mark.long
@@ -611,7 +611,7 @@ def test_a_minute_without_gps_holds_the_values_from_before_it(cli, aircraft, air
     result = replay(cli, write(tmp_path / "bag", streams), aircraft_file, tmp_path / "run")
     for kind in ("gps_position", "gps_velocity"):
         assert f"the {kind} samples have a gap of 60.2 s" in result["notes"]
-    assert not any("aligned anew" in note for note in result["notes"])
+    assert not any("realigned" in note for note in result["notes"])
     messages = parameter_messages(tmp_path / "run", begin)
     before = [m for time, m in messages if 40.0 < time < 50.0]
     inside = [m for time, m in messages if 56.0 < time < 115.0]  # said after 2 s, and absent for 5 s at the end
@@ -652,11 +652,13 @@ def test_bounds_that_no_aeroplane_is_in_and_bounds_that_leave_out_the_file(cli, 
         path.write_text(f"{Path(aircraft_file).read_text()}\n{bounds}\n")
         return cli("replay", bag, "--aircraft", path, "--out", tmp_path / "run", "--overwrite", "--json")
 
+    why = f"aircraft file {tmp_path}/bounded.yaml: parameter_bounds CZ_alpha must overlap"
     for low in (0, 1):  # the lift of an aeroplane grows with its angle of attack
-        check_refused(replayed(low, 5), f"aircraft file {tmp_path}/bounded.yaml: parameter_bounds CZ_alpha must meet")
+        check_refused(replayed(low, 5), why)
     (note,) = without_nan(replayed(-3, -2)[1])["notes"]
     given = f"{aircraft.coefficients['CZ_alpha']:g}"
-    assert note.startswith(f"parameter_bounds CZ_alpha go from -3 to -2, and the {given} that it is given")
+    said = f"parameter_bounds CZ_alpha go from -3 to -2, and its value in the same aircraft file, {given}, is outside"
+    assert note.startswith(said)
     assert without_nan(replayed(-6, -2)[1])["notes"] == []
 
 

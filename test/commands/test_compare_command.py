@@ -45,7 +45,7 @@ def test_a_run_without_samples_is_compared_as_the_filter_saw_it(run_with_hidden_
 
 
 WORDS = {
-    "short": "20 s are needed", "nothing": "is no run", "empty": "is no run", "aircraft": "is cut off",
+    "short": "20 s are needed", "nothing": "is not a run", "empty": "is not a run", "aircraft": "is cut off",
     "folder": "remove model.json",
 }  # fmt: skip
 

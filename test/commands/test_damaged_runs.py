@@ -105,7 +105,7 @@ IMPOSSIBLE = {
     "USE without std": (lambda run: in_parameters(run, status="USE", std=np.inf), f"parameters.json {NO_NUMBER}"),
     "a status of nobody": (
         lambda run: in_parameters(run, status="GOOD"),
-        "parameters.json holds CZ_alpha with a status that is none of USE, HOLD, REJECT",
+        "parameters.json holds CZ_alpha with a status that is not one of USE, HOLD, REJECT",
     ),
     "biases": (
         lambda run: in_state(run, gyro_bias=[0.0, np.nan, 0.0]), "state.json holds biases that are not finite",
@@ -168,7 +168,7 @@ def test_what_may_be_unknown_is_no_damage(run) -> None:
 
 def test_a_calibration_is_no_run_and_is_shown_whole_only(tmp_path, capsys) -> None:
     (tmp_path / "calibration.yaml").write_text("five_hole_probe:\n")
-    assert "is no run but a calibration" in refused(capsys, "compare", tmp_path)
+    assert "is a calibration and not a run" in refused(capsys, "compare", tmp_path)
     for command in (["report", tmp_path, "--out", tmp_path / "x.html"], ["workbench", tmp_path]):
         said = refused(capsys, *command)
         assert "is a calibration without result.json" in said and "calibrate again" in said and "replay" not in said
@@ -180,11 +180,11 @@ def test_the_page_of_nothing_is_refused_before_it_is_imported(tmp_path) -> None:
     code += "print(status, [name for name in ('nicegui', 'plotly', 'numba') if name in sys.modules])"
     command = [sys.executable, "-c", code, "workbench", str(tmp_path)]
     done = subprocess.run(command, capture_output=True, text=True, timeout=300, check=True)
-    assert done.stdout.strip() == "2 []" and "is no run: make one with" in done.stderr
+    assert done.stdout.strip() == "2 []" and "is not a run: make one with" in done.stderr
 
 
 def test_an_effect_that_nobody_knows(run, capsys) -> None:
-    assert "is no effect, did you mean ground_effect" in refused(capsys, "add", run, "grund_effect")
+    assert "is not an effect, did you mean ground_effect" in refused(capsys, "add", run, "grund_effect")
     for word in ("xyzzy", "unknown_effect"):
         said = refused(capsys, "add", run, word)
         assert "`aircraft-sysid add --help` lists them" in said and len(said) < 160

@@ -257,7 +257,7 @@ def test_where_nothing_tells_whether_the_airspeed_is_right_circles_are_to_be_flo
             ((), [0.7, 1.3]), ((), [0.65, 9.9]), ((), [0.95, 1.05]), ((), None), ((WRONG_UNIT,), [0.7, 1.3])
         )
     )  # fmt: skip
-    assert "this flight tells next to nothing of whether the airspeed reads true" in untold[-1]
+    assert "this flight shows almost nothing about whether the airspeed is right" in untold[-1]
     assert said[-1].startswith("Fly two full circles with GPS") and " 0.70 to 1.30 of what it should" in said[-1]
     assert not any("circles" in text for text in (*sure, *unasked, *wrong))
 
@@ -315,7 +315,7 @@ def test_what_was_nearly_named_is_said_where_nothing_is():
         diagnosis = {"candidates": [one], "advice": "", "unknown": {}}
         said[name] = what_matters(Evidence(check_json(), diagnosis=diagnosis, **USED))[0].sentence
     assert said["near"].startswith(
-        "Nothing is surely missing. propwash would take 67 % of the error of C_Z, but it comes"
+        "Nothing is clearly missing. propwash would remove 67 % of the error of C_Z, but it comes"
     )
     assert said["chance"] == said["often"] and said["chance"].startswith(
         "Nothing is missing that this flight could show"
@@ -325,21 +325,22 @@ def test_what_was_nearly_named_is_said_where_nothing_is():
 def test_where_what_explains_most_cannot_be_it_something_else_is_there():
     """A lift slope that steps at a speed, 26 % of the error of C_Z, p = 8e-9: "nothing is missing"."""
     open_one = candidate("alpha_dot", "aerodynamic", found=False, p_value=8e-9, error_before=0.27, error_after=0.2,
-                         refused="its derivative of C_Z is none that it can have", ruled_out=True)  # fmt: skip
+                         refused="its derivative of C_Z is outside its possible range", ruled_out=True)  # fmt: skip
     said = {}
     others = {"chance": {"p_value": 0.2}, "small": {"error_after": 0.26}, "it is it": {"ruled_out": False}}
     for name, more in {"open": {}, **others}.items():
         diagnosis = {"candidates": [{**open_one, **more}], "advice": "", "unknown": {}}
         said[name] = what_matters(Evidence(check_json(), diagnosis=diagnosis, **USED))[0].sentence
     assert said.pop("open").startswith(
-        "Nothing is surely missing. alpha_dot would take 26 % of the error of C_Z, but its derivative of C_Z is none"
+        "Nothing is clearly missing. alpha_dot would remove 26 % of the error of C_Z, but its derivative of C_Z is "
+        "outside"
     )
     assert all(each.startswith("Nothing is missing that this flight could show") for each in said.values())
 
 
 def test_the_headline_does_not_say_more_than_the_advice():
-    said = {"verdict": "none", "advice": "Nothing is surely missing: alpha_dot would explain 26% of", "replicas": 20}
-    assert headline(said) == "nothing is surely missing"
+    said = {"verdict": "none", "advice": "Nothing is clearly missing: alpha_dot would explain 26% of", "replicas": 20}
+    assert headline(said) == "nothing is clearly missing"
     assert headline({**said, "advice": "Nothing is missing that this flight could show: no"}) == "nothing is missing"
 
 
@@ -361,7 +362,7 @@ def test_what_two_ways_say_differently_is_not_stated(learnt):
         some = Learnt(learnt[1], used, {"Cm_alpha": (value - times * 0.05, 0.05)})
         stiffness = next(fact for fact in facts_of(some) if fact.key == "Cm_alpha")
         assert (stiffness.reason == "") == is_known
-    assert "as it was learnt in flight, and" in stiffness.reason
+    assert "as learnt in flight, but" in stiffness.reason
     assert next(fact for fact in facts_of(some) if fact.key == "Cn_beta").reason == ""
 
 
@@ -455,7 +456,7 @@ def test_outputs_of_which_nothing_says_what_they_move_are_not_to_be_recorded(air
     found = Checked(tuple(findings), {}, (), None, ())
     checked = _with_outputs(CheckedRecording("log", 60.0, found, ()))
     said = next_flights({**checked.json, "identifiable": {}}, None, (), None)
-    assert said[0] == "Record true_airspeed: nothing that is flown makes up for what is not in the log."
+    assert said[0] == "Record true_airspeed: no manoeuvre makes up for what is not in the log."
     assert "--calibration" in said[1] and "elevator and aileron" in said[1]
 
 
@@ -678,9 +679,9 @@ def test_a_log_that_breaks_off_at_once_is_not_trusted(aircraft_file, tmp_path, c
     assert main([*command, "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
     assert found["check"]["duration"] < 5.0 and found["said"][0]["kind"] == "short"
-    assert "too little for anything to be said" in found["first"] and "breaks off" in found["first"]
+    assert "too little to say anything" in found["first"] and "breaks off" in found["first"]
     words = " ".join(" ".join(Page((tmp_path / "out" / "explain.html").read_text()).words).split())
-    assert words.count("That is not told: too short to say") == 2 and "Yes: its sensors" not in words
+    assert words.count("That cannot be said: too short to say") == 2 and "Yes: its sensors" not in words
 
 
 def without_setting(text):
@@ -788,7 +789,7 @@ def test_bad_input_is_one_sentence_and_leaves_nothing(refused, run_with_hidden_e
     assert "is for logs of autopilots" in refused("explain", recording, *file, "--out", out, "--calibration", file[1])
     assert "--map is for tables" in refused("explain", recording, *file, "--out", out, "--map", file[1])
     assert "--chord X --inertia" in refused("explain", bag, "--mass", 2, "--span", 1, "--wing-area", 1, "--out", out)
-    assert "--mass goes without --aircraft" in refused("explain", bag, *file, "--mass", 2, "--out", out)
+    assert "--mass does not go with --aircraft" in refused("explain", bag, *file, "--mass", 2, "--out", out)
     shape = ("--mass", 2, "--span", 1, "--wing-area", 1, "--chord", 1)
     assert "must be Ixx,Iyy,Izz" in refused("explain", bag, *shape, "--inertia", "1,2", "--out", out)
     assert "must be a number in kg" in refused(
@@ -798,7 +799,8 @@ def test_bad_input_is_one_sentence_and_leaves_nothing(refused, run_with_hidden_e
     assert "is a file" in refused("explain", bag, *file, "--out", stranger)
     assert "holds something else" in refused("explain", bag, *file, "--out", full, "--overwrite")
     assert "cannot write" in refused("explain", bag, *file, "--out", "/proc/nowhere/out")
-    assert "log.xyz is a file and can hold no folder" in refused("explain", bag, *file, "--out", stranger / "out" / "x")
+    below = stranger / "out" / "x"
+    assert "log.xyz is a file and cannot hold a folder" in refused("explain", bag, *file, "--out", below)
     assert "LOG is empty: give a recording" in refused("explain", "", *file, "--out", out)
     assert "--out is empty" in refused("explain", bag, *file, "--out", "")
     run = run_with_hidden_effect

@@ -50,7 +50,7 @@ def test_the_file_that_is_written_states_what_the_flight_had(flown, tmp_path, ca
 def test_a_file_that_is_there_or_cannot_be_written_is_said_before_the_flight(flown, tmp_path, capsys):
     there = tmp_path / "there.yaml"
     there.write_text("mine")
-    for path, words in ((there, "already there"), (tmp_path / "none" / "a.yaml", "a folder that is there")):
+    for path, words in ((there, "already there"), (tmp_path / "none" / "a.yaml", "a folder that exists")):
         assert replay(flown, flown / "plain.yaml", tmp_path / "run", "--learn-sensors", str(path)) == 2
         assert words in capsys.readouterr().err
     assert there.read_text() == "mine" and not (tmp_path / "run").exists()
@@ -69,7 +69,7 @@ def test_a_vane_out_on_the_wing_that_the_file_leaves_out_is_placed_and_said(flow
     learnt = tmp_path / "learnt.yaml"
     assert replay(flown, tmp_path / "silent.yaml", tmp_path / "run", "--learn-sensors", str(learnt)) == 0
     said = json.loads(capsys.readouterr().out)
-    assert "it is taken 0." in said["notes"][0] and "the file that is written has it" in said["notes"][0]
+    assert "it is taken 0." in said["notes"][0] and "the file that is written holds it" in said["notes"][0]
     for path in (learnt, tmp_path / "run" / "aircraft.yaml"):
         assert load_aircraft(path).air_data_position == pytest.approx([0.0, 0.4, 0.0], abs=0.03)
     truth = default_aircraft().coefficients

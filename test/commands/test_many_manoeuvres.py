@@ -267,7 +267,7 @@ def test_the_sum_of_short_manoeuvres_is_what_must_be_long_enough(bag, aircraft_f
     for count, enough in ((3, False), (6, True)):
         file = write_segments(folder / f"{count}.yaml", equal_segments(count, 6.0))
         said = ask("replay", bag, "--segments", file, "--aircraft", aircraft_file, "--out", folder / f"few{count}")
-        told = [note for note in said["notes"] if "inputs that fail, need 20 s in all" in note]
+        told = [note for note in said["notes"] if "failed inputs) need 20 s in all" in note]
         assert len(told) == (not enough), said["notes"]
         if enough:
             assert ask("compare", folder / f"few{count}")["axes"]["CZ"]["nrmse_held_out"] < 0.2
@@ -296,8 +296,9 @@ def test_a_manoeuvre_without_a_start_is_named(clean, recordings, aircraft_file, 
                 fields["status.status"] = np.full(int(inside.sum()), -1)
             writer.write(s.topic, TOPICS[s.topic], s.stamp[inside], fields)
     said = ask("replay", recordings[0], path, recordings[1], "--aircraft", aircraft_file, "--out", folder / "start")
-    (note,) = (note for note in said["notes"] if "no_fix" in note and "gives nothing" in note)
-    assert note.startswith("the manoeuvre 'no_fix' gives nothing: of 40 samples of the GPS position 40 have no fix")
+    (note,) = (note for note in said["notes"] if "no_fix" in note and "contributes nothing" in note)
+    why = "of 40 samples of the GPS position 40 have no fix"
+    assert note.startswith(f"the manoeuvre 'no_fix' contributes nothing: {why}")
 
 
 def write_without(clean, path, start, stop, topics=(), fields=()):
@@ -323,7 +324,7 @@ def test_what_some_manoeuvres_lack_is_said_of_those(clean, recordings, aircraft_
     notes = said["notes"]
     assert [note for note in notes if note.startswith("in 1 of 6 manoeuvres (no_place): no GPS: ")]
     assert [note for note in notes if note.startswith("in 1 of 6 manoeuvres (no_speed): no airspeed: ")]
-    assert "the manoeuvre 'no_controls' gives nothing: it has no controls" in notes
+    assert "the manoeuvre 'no_controls' contributes nothing: it has no controls" in notes
     assert not [note for note in notes if note.startswith("no ") or "of the air data have no" in note]
     written = json.loads((folder / "some" / "state.json").read_text())["notes"]
     assert set(written) <= set(notes) and len([note for note in written if note.startswith("in 1 of 6 ")]) == 3
@@ -376,13 +377,13 @@ A, B = {"start": 5.0, "stop": 15.0, "name": "a"}, {"start": 20.0, "stop": 30.0, 
         ("start: [", "is not valid YAML"),
         ("start: 1", "it must be a list of segments with recording, start, stop, name"),
         ("[]", "it must be a list of segments"),
-        ([3], "entry 1 is no segment"),
+        ([3], "entry 1 is not a segment"),
         ([A, {**B, "end": 3.0}], "entry 2 has the unknown key 'end': a segment has recording, start, stop, name"),
         ([{"stop": 3.0}], "entry 1 needs a start in seconds"),
         ([{**A, "start": -1.0}], "entry 1 needs a start in seconds"),
         ([{**A, "stop": "later"}], "entry 1 needs a stop in seconds"),
         ([{**A, "stop": 5.0}], "entry 1 stops at 5 s, which is not after its start at 5 s"),
-        ([{**A, "name": ["x"]}], "entry 1 has a name that is no text"),
+        ([{**A, "name": ["x"]}], "entry 1 has a name that is not text"),
         ([{**A, "stop": 1e4}], "the segment 'a' goes from 5 to 10000 s, but the recording"),
         ([{**A, "start": 500.0, "stop": 510.0}], "the segment 'a' goes from 500 to 510 s, but the recording"),
         ([A, {**B, "name": "a"}], "two segments have the name 'a'"),
@@ -412,7 +413,7 @@ def test_recordings_are_named_once_and_for_each_segment(recordings, aircraft_fil
     assert "cannot read the segments file" in refused(
         capsys, "replay", first, "--segments", tmp_path / "missing.yaml", *rest
     )
-    assert "--stage-1 starts one flight" in refused(
+    assert "--stage-1 is for one flight" in refused(
         capsys, "replay", first, second, "--air-data-errors", "--stage-1", 60, *rest
     )
 

@@ -172,7 +172,7 @@ def test_an_input_that_the_flight_lacks_is_named_and_its_term_can_go(aircraft, t
     file = file_of(tmp_path / "aircraft.yaml", source)
     run = call(capsys, "replay", tmp_path / "bag", "--aircraft", file, "--out", tmp_path / "run")
     assert run["notes"] == [
-        "/inputs holds no value of trim_tab, spoiler inside its limits: terms that read it say nothing"
+        "/inputs holds no value of trim_tab, spoiler inside its limits: terms that read it are not learnt"
     ]
     (without,) = [p for p in run["parameters"]["parameters"] if p["name"] == "Cm_trim_tab"]
     assert without["status"] == "HOLD" and "trim_tab" in without["reason"]
@@ -180,7 +180,7 @@ def test_an_input_that_the_flight_lacks_is_named_and_its_term_can_go(aircraft, t
     assert compared["nrmse_held_out"] is None and "it needs trim_tab, which is not measured" in compared["reason"]
     line = refused(capsys, "add", tmp_path / "run", "CZ: spoiler*alpha")
     assert line.endswith("'CZ: spoiler*alpha' needs spoiler, which this flight does not have")
-    assert "is no signal: did you mean flaps?" in refused(capsys, "add", tmp_path / "run", "CZ: flaperon")
+    assert "is not a signal: did you mean flaps?" in refused(capsys, "add", tmp_path / "run", "CZ: flaperon")
     removed = call(capsys, "remove", tmp_path / "run", "Cm: trim_tab")
     assert removed["axes"]["Cm"]["error_before"] is None and removed["axes"]["Cm"]["error_after"] < 0.2
     assert removed["verdict"] == "without 'Cm: trim_tab' this flight fits Cm, which it did not before"

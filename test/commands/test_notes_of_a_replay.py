@@ -21,7 +21,7 @@ def controls(throttle, thrust):
 
 def test_the_throttle_is_offered_where_a_thrust_is_read_and_not_measured(aircraft):
     (note,) = thrust_notes(controls(0.6, np.nan), aircraft)
-    text = note.split("of the aircraft file ")[1].split(" has the throttle")[0]
+    text = note.split("of the aircraft file ")[1].split(" uses the throttle")[0]
     axis, terms = text.split(": ")
     model = model_from_terms({**aircraft.model.terms, axis: terms.strip("[]").split(", ")})
     assert {"CX_throttle/qbar", "CX_throttle/V"} <= {*model.parameter_names} and "CX_Tc" not in model.parameter_names
@@ -56,5 +56,5 @@ def test_an_imu_that_vibrates_is_named_where_angles_of_flow_are_not_told(noise, 
     sensors = [SimpleNamespace(usable=frozenset({Kind.AIRSPEED, Kind.GPS_VELOCITY}))]
     pipeline = SimpleNamespace(state=SimpleNamespace(flight_time=300.0, sensors=sensors))
     (note,) = length_notes(pipeline, SimpleNamespace(point_times=np.arange(0.0, 9.0, 0.1)))
-    assert note.startswith("wind and attitude tell the angles of flow for 9 s of this flight only")
-    assert ("shakes by 1.7 m/s^2" in note or "shakes by 1.6 m/s^2" in note) is shakes
+    assert note.startswith("wind and attitude give the flow angles for only 9 s of this flight")
+    assert ("vibrates by 1.7 m/s^2" in note or "vibrates by 1.6 m/s^2" in note) is shakes

@@ -80,7 +80,7 @@ def test_calls_say_what_the_commands_say(run, capsys):
 @pytest.mark.long
 def test_a_picture_that_cannot_be_written_is_bad_input(run, pictures, tmp_path):
     found = sysid.compare(run)
-    for name, sentence in (("none/x.png", "cannot write"), ("x.nope", "no kind of picture")):
+    for name, sentence in (("none/x.png", "cannot write"), ("x.nope", "not a kind of picture")):
         with pytest.raises(sysid.InputError, match=sentence):
             found.plot(tmp_path / name)
 
@@ -93,7 +93,7 @@ def test_what_is_no_table_is_not_recorded(frames, tmp_path):
 
 def test_a_table_without_times_is_not_recorded(tmp_path):
     pandas = pytest.importorskip("pandas")
-    with pytest.raises(sysid.InputError, match="index of a table is its time in s, and 'noon' is no number"):
+    with pytest.raises(sysid.InputError, match=r"index of a table is its time \[s\], but 'noon' is not a number"):
         sysid.record(pandas.DataFrame({"true_airspeed": [15.0]}, index=["noon"]), tmp_path / "run")
     assert not Path(tmp_path, "run").exists()
 
@@ -119,7 +119,7 @@ def test_frames_of_pandas_become_the_same_recording(run_with_hidden_effect, tmp_
         (lambda place: sysid.load(place / "nothing"), "there is no .*nothing: give the folder of a run"),
         (sysid.load, "metadata.yaml|no recording|not a recording|holds no"),
         (lambda place: sysid.replay([], "aircraft.yaml", place / "run"), "no recording is given"),
-        (lambda place: sysid.replay("a", "b", place / "run", estimatr="rml"), "'estimatr' is no option of replay"),
+        (lambda place: sysid.replay("a", "b", place / "run", estimatr="rml"), "'estimatr' is not an option of replay"),
         (lambda place: sysid.replay("a", "b", place / "run", estimator="best"), "estimator must be one of"),
         (lambda place: sysid.diagnose(), "no run is given to diagnose"),
         (lambda place: sysid.replay("a", {"name": "x"}, place / "run"), "the required key 'mass' is missing"),
@@ -128,7 +128,7 @@ def test_frames_of_pandas_become_the_same_recording(run_with_hidden_effect, tmp_
             lambda place: sysid.replay([None], "aircraft.yaml", place / "run"),
             "or what another call has given, and not None",
         ),
-        (lambda place: sysid.replay("a", 7, place / "run"), "an aircraft file, or what would stand in one, and not 7"),
+        (lambda place: sysid.replay("a", 7, place / "run"), "an aircraft file, or its content, and not 7"),
         (lambda place: sysid.replay("a", "b", None), "give a path, and not None"),
         (lambda place: sysid.replay("a", "b", place / "run", segments=3), "give a path, and not 3"),
         (lambda place: sysid.load(None), "give a path, or what another call has given, and not None"),

@@ -126,7 +126,7 @@ def test_places_that_the_aircraft_file_does_not_say_are_told(aircraft):
     (note,) = place_notes(aircraft_from_dict({**shape, "imu_position": [0.1, 0.0, 0.0]}))
     assert "air_data_position" in note and "imu_position" not in note
     _, note = place_notes(aircraft_from_dict(shape), has_error_states=True)
-    assert "scales and offsets that are none" in note
+    assert "false scales and offsets" in note
     assert not place_notes(aircraft) and not place_notes(aircraft, has_error_states=True)
 
 

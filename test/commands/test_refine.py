@@ -102,7 +102,7 @@ def says(capsys, *arguments):
 
 
 def test_bad_input_is_one_sentence(run, tmp_path, capsys):
-    assert "is no run" in says(capsys, tmp_path)
+    assert "is not a run" in says(capsys, tmp_path)
     assert "--segment" in says(capsys, run, "--segment", "0")
     copy = tmp_path / "copy"
     copy.mkdir()

@@ -34,7 +34,7 @@ def settled(source, content, begin=1000, end=1020):
 def test_one_wrong_stamp_changes_nothing(source, content, stamp):
     settled(source, content)
     refusal = source.offer(stamp * SECOND, content(values=NEW))
-    assert "a new clock is believed after 3 messages running" in refusal
+    assert "a new clock is accepted after 3 messages in a row" in refusal
     after = elevator(source, 1020.01)
     assert after.value == pytest.approx(-0.85, abs=1e-6) and after.origin == Origin.LIVE
     assert source.offer(1021 * SECOND, content(values=OLD)) == ""
@@ -90,7 +90,7 @@ def test_two_senders_of_two_clocks_are_named_and_one_is_followed(source, content
         elevator(source, k)
         refusals.append(source.offer((k + apart) * SECOND, content(values=NEW)))
         seen.append(elevator(source, k + 0.5))
-    assert all("two senders by turns: give each aircraft a namespace" in text for text in refusals[1:])
+    assert all("two senders in turn: give each aircraft a namespace" in text for text in refusals[1:])
     assert {one.origin for one in seen} == {Origin.LIVE}
     assert seen[-1].value == pytest.approx(OLD[2], abs=1e-6)
 
@@ -101,7 +101,7 @@ def test_two_models_by_turns_are_not_mixed(source, content):
         refusals.append(source.offer(k * SECOND, content(values=OLD, model="a")))
         source.offer(k * SECOND + SECOND // 2, content(values=NEW, model="b"))
         elevator(source, k + 0.5)
-    assert all("two senders by turns, of the models b and a" in text for text in refusals[1:])
+    assert all("two senders in turn, of the models b and a" in text for text in refusals[1:])
     assert source.refused == 29 and elevator(source, 129.6).value == pytest.approx(NEW[2], abs=1e-6)
 
 

@@ -183,7 +183,7 @@ def test_live_is_near_the_question_before_and_after_it(content):
     source.offer(1000 * SECOND, content())
     found = [source.at(seconds * SECOND, HERE)["Cm_de"] for seconds in (997, 996, 940, 939, 5)]
     assert [f.origin for f in found] == [Origin.LIVE, Origin.HELD, Origin.HELD, Origin.PRIOR, Origin.PRIOR]
-    assert found[1].reason == "the newest message is 4 s in the future: it is of another clock, or its stamp is wrong"
+    assert found[1].reason == "the newest message is 4 s in the future: it is from another clock, or its stamp is wrong"
     with pytest.raises(InputError, match="number of nanoseconds, not nan"):
         source.at(np.nan, HERE)
 

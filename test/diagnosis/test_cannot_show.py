@@ -72,7 +72,7 @@ def test_an_effect_that_acts_elsewhere_is_named_with_how_near_the_flight_gets(fl
 
 def test_what_moves_with_the_model_is_not_told_from_it(flight):
     following = with_signals(flight, Tc=flight.signal("alpha"))
-    assert unseen(following)["thrust_offset"] == "it moves with what the model has"
+    assert unseen(following)["thrust_offset"] == "it moves together with what the model has"
 
 
 def test_what_shows_in_other_axes_too_is_not_out_of_reach_without_a_vane(flight):

@@ -63,7 +63,7 @@ def test_an_axis_that_a_few_blocks_determine_is_warned_of(flight) -> None:
     changed = compare(replace(flight, signals=signals, measured=measured))
     errors = changed.axes["Cn"]
     assert errors.whiteness.white and errors.fit.nrmse_held_out > 3.0 * errors.floor.nrmse
-    (note,) = [note for note in changed.notes if note.startswith("Cn: only noise")]
+    (note,) = [note for note in changed.notes if note.startswith("Cn: the fit leaves only noise")]
     assert "a few blocks" in note
     assert not any("only noise" in note for note in compare(flight).notes)
 
@@ -92,7 +92,7 @@ def test_no_note_says_noise_where_a_place_fails(flight) -> None:
     found = compare(replace(flight, measured=measured))
     axis = found.axes["CX"]
     assert axis.places and axis.whiteness.white and axis.fit.nrmse_held_out > 1.5 * axis.floor.nrmse
-    assert not any(note.startswith("CX: only noise") for note in found.notes)
+    assert not any(note.startswith("CX: the fit leaves only noise") for note in found.notes)
 
 
 def test_an_axis_without_data_is_null_with_a_reason(flight) -> None:
@@ -116,7 +116,7 @@ def test_why_no_axis_can_be_compared_is_said_of_all_six_with_what_would_let_them
     assert str(error.value) == (
         "no axis can be compared: CX cannot be fitted: it needs alpha and Tc, which are not measured: record them, or "
         "take their terms out of the model (under 'model' of the aircraft file CX: [1, alpha, alpha**2, q, de, "
-        "throttle/qbar, throttle/V] has the throttle in place of the thrust); CY, Cl and Cn have no value of beta; CZ "
+        "throttle/qbar, throttle/V] uses the throttle in place of the thrust); CY, Cl and Cn have no value of beta; CZ "
         "and Cm have no value of alpha; for alpha and beta fit a vane, or fly more turns at several speeds in calmer "
         "air"
     )
@@ -126,7 +126,7 @@ def test_why_no_axis_can_be_compared_is_said_of_all_six_with_what_would_let_them
     assert "throttle" not in str(error.value) and "vane" not in str(error.value)
     same = flight.signals.copy()
     same[:, SIGNAL_INDEX["V"]] = same[:, SIGNAL_INDEX["alpha"]] = same[:, SIGNAL_INDEX["p"]] = np.nan
-    with pytest.raises(InputError, match=r"the model \(so it is with CZ and Cm\); CY, Cl and Cn have no value of p$"):
+    with pytest.raises(InputError, match=r"the model \(the same for CZ and Cm\); CY, Cl and Cn have no value of p$"):
         compare(flight.with_signals(same))
 
 

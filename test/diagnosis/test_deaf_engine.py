@@ -102,7 +102,7 @@ def test_an_airspeed_that_reads_less_since_then_is_told_by_gps(times):
     step = airspeed_step(circling(0.88, 1.0), [times])
     ratio = 0.88 if times.end is None else 1.0 / 0.88
     assert step is not None and step.ratio == pytest.approx(ratio, abs=max(4.0 * step.std, 0.01))
-    assert step.times == (times,) and "look at the pitot tube" in sentence_of_airspeed(step)
+    assert step.times == (times,) and "check the pitot tube" in sentence_of_airspeed(step)
 
 
 def test_an_airspeed_tells_itself_since_when_it_reads_less():
@@ -146,7 +146,7 @@ def test_it_is_said_in_the_place_of_the_moment(monkeypatch, aircraft):
     changed = UnrecordedChange(
         times=times, evidence=200.0, gains={"Cm": 200.0}, main_axis="Cm", size=0.3, errors={"Cm": (0.5, 0.4)}
     )
-    balance = SimpleNamespace(begin=0, wind=None, aircraft=aircraft)
+    balance = SimpleNamespace(begin=0, recorded_from=0, wind=None, aircraft=aircraft)
     report = FailureReport(
         (), changed, (), ("de",), frozenset({"de"}), ("Cm",), {}, balance, airspeed_step(samples, times)
     )

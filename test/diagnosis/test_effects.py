@@ -75,7 +75,7 @@ def test_ids_are_unique_and_measurement_comes_first():
     assert len(BY_ID) == len(LIBRARY)
     kinds = [effect.kind for effect in LIBRARY]
     assert kinds == sorted(kinds, key=lambda kind: kind != MEASUREMENT)
-    with pytest.raises(InputError, match="'wings' is no effect of the library"):
+    with pytest.raises(InputError, match="'wings' is not an effect of the library"):
         effect_of("wings")
     assert effect_of("stall").identifier == "stall"
 
@@ -262,7 +262,7 @@ def test_a_surface_at_its_greatest_rate_is_followed_as_quickly_as_it_was_recorde
     explained, hardly = (b.trial(with_inner(effect, variant, {"rate": true}, b.base)) for b in (quick, of_means))
     assert explained.log_ratios["Cm"] > 2.0 > 10.0 * hardly.log_ratios["Cm"]
     score = quick.best_of(effect)
-    for sign, words in ((1.0, ""), (-1.0, "sign that it cannot have")):  # who leads is not late
+    for sign, words in ((1.0, ""), (-1.0, "impossible sign")):  # who leads is not late
         gains = {axis: replace(gain, parameters=sign * gain.parameters) for axis, gain in score.gains.items()}
         said = Finding(replace(score, gains=gains), data, 0.0, 0.0, 0.0, 0.0, 0.0).impossible
         assert words in said if words else not said

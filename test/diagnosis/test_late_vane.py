@@ -80,14 +80,14 @@ def test_a_lag_of_the_downwash_has_the_sign_and_the_size_of_one(aircraft, axis, 
     added = [Added(axis, "alpha_dot", value)]
     bench = bench_of(aircraft, simulate_samples(aircraft, 22, 60.0, effects=added).samples)
     said = Finding(bench.best_of(BY_ID["alpha_dot"]), bench.data, 9.0, 9.0, 0.0, 0.5, 9.0).impossible
-    assert said == (f"its derivative of {axis[0]}_{axis[1]} is none that it can have" if refused else "")
+    assert said == (f"its derivative of {axis[0]}_{axis[1]} is outside its possible range" if refused else "")
 
 
 def test_numbers_at_their_limits_are_those_of_something_else(bench):
     """A stall at 5 degrees, as wide and as quick as it may be, was what was left of a vane and of a curved lift."""
     trial = bench.best_of(BY_ID["dynamic_stall"])
     onset = dict(trial.candidate.inner)["onset"]
-    for width, lag, words in ((0.075, 0.1, "its width and lag are as far as they may be"), (0.04, 0.4, "")):
+    for width, lag, words in ((0.075, 0.1, "its width and lag are at their limits"), (0.04, 0.4, "")):
         inner = (("onset", onset), ("width", width), ("lag", lag))
         there = replace(trial, candidate=replace(trial.candidate, inner=inner))
         edges = Finding(there, bench.data, 9.0, 9.0, 0.0, 0.5, 9.0)._at_edges

@@ -173,9 +173,9 @@ def test_what_is_not_missing_costs_more_than_it_explains(windows, clean):
 
 def test_requests_that_make_no_sense_are_answered_with_a_sentence(windows):
     for text, words in (
-        ("alpha_scale", "matter of the sensors"),
-        ("nonsense", "is no effect"),
-        ("CQ: alpha", "is no axis"),
+        ("alpha_scale", "concerns the sensors"),
+        ("nonsense", "is not an effect"),
+        ("CQ: alpha", "is not an axis"),
         ("CL: alpha**2", "for lift write CZ"),
         ("CZ: import os", "not an expression"),
     ):
@@ -211,14 +211,14 @@ def test_terms_may_read_the_inputs_that_the_aircraft_file_names():
     live.check_signals(terms, memory.newest(), inputs)
     with pytest.raises(InputError, match="'CZ: spoiler' needs spoiler, which"):
         live.check_signals(live.requested("CZ: spoiler", inputs), memory.newest(), inputs)
-    with pytest.raises(InputError, match="'tab' in 'tab' is no signal"):
+    with pytest.raises(InputError, match="'tab' in 'tab' is not a signal"):
         live.requested("Cm: tab")
 
 
 @pytest.mark.parametrize(("text", "words"), [
-    ("CZ: sqrt(alpha - 5)", "'CZ: sqrt(alpha-5)' is no number at 200 of the 200 newest points"),
-    ("CZ: 1/max(alpha - 2, 0)", "is no number at 200 of the 200"),
-    ("CZ: sqrt(alpha - 0.06)", "is no number at 120 of the 200"),
+    ("CZ: sqrt(alpha - 5)", "'CZ: sqrt(alpha-5)' is not a number at 200 of the 200 newest points"),
+    ("CZ: 1/max(alpha - 2, 0)", "is not a number at 200 of the 200"),
+    ("CZ: sqrt(alpha - 0.06)", "is not a number at 120 of the 200"),
     ("CZ: max(alpha - 2, 0)", "'CZ: max(alpha-2,0)' has been 0 throughout this flight"),
     ("CZ: alpha; Cm: max(alpha - 1, 0)", "'Cm: max(alpha-1,0)' has been 0 throughout"),
     ("CZ: sqrt(alpha - 0.03)", ""),  # of a part of the flight

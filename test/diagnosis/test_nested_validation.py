@@ -113,7 +113,8 @@ def test_it_is_said_in_words():
         "nested": {"parts": 4, "same": 4, "others": [], "error_after": 0.12},
     }
     assert chosen_anew(candidate) == (
-        "chosen anew without each quarter of the flight: the same in 4 of 4; error of CZ in the quarters left out 12 %"
+        "chosen again with each quarter of the flight left out: the same in 4 of 4; error of CZ in the quarters left "
+        "out 12 %"
     )
     candidate["nested"] |= {"same": 2, "others": ["icing", ""]}
     assert "the same in 2 of 4 (else icing and nothing);" in chosen_anew(candidate)

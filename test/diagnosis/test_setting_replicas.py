@@ -83,7 +83,7 @@ def test_what_replicas_feign_as_well_is_no_fault(aircraft, offset, monkeypatch):
     assert told() is None
     monkeypatch.setattr(setting_replicas, "in_replicas", lambda *_: [InReplica(np.nan)] * 3)
     assert told() is None
-    assert set(said) == {"look at the measurement in replicas"}
+    assert set(said) == {"check the measurement in replicas"}
 
 
 @pytest.mark.parametrize(("share", "flown"), [(0.001, 12), (0.1, 20), (2.0, 12), (np.nan, 12)])

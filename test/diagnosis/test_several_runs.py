@@ -192,7 +192,7 @@ def test_what_cannot_stand_side_by_side(runs, capsys, tmp_path):
     said = refused(capsys, "compare", runs["monday"], "--with", "nobody")
     assert "there is no run nobody, and" in said and "has no model 'nobody': it has" in said
     assert "leave one out" in refused(capsys, "compare", runs["monday"], runs["tuesday"], "--with", runs["loaded"])
-    assert "is no run" in refused(capsys, "compare", runs["monday"], "--with", tmp_path / "nothing")
+    assert "is not a run" in refused(capsys, "compare", runs["monday"], "--with", tmp_path / "nothing")
 
 
 @pytest.mark.long
@@ -236,7 +236,7 @@ def test_another_model_is_refused(runs, folder, capsys):
     other = shutil.copytree(runs["tuesday"], folder / "extended")
     ask("add", other, "CZ: alpha**3")
     said = refused(capsys, "diagnose", runs["monday"], other)
-    assert "extended has the model" in said and said.endswith("bring them to one model with add and remove")
+    assert "extended has the model" in said and said.endswith("give them the same model with add and remove")
 
 
 @pytest.mark.long

@@ -67,7 +67,7 @@ def test_at_25_hz_a_flight_without_missing_effects_reaches_its_floor() -> None:
     assert all(1.0 / 1.25 < r < 1.25 for r in ratio.values()), ratio
     assert comparison.notes == [
         "the IMU comes at 25 Hz: the floor is the noise of the sensors alone, and what happens between two samples, "
-        "most in quick manoeuvres, is in the errors beyond it"
+        "mostly in quick manoeuvres, is in the errors above it"
     ]
 
 

@@ -356,7 +356,7 @@ def test_flow_that_separates_takes_lift_away(aircraft, share, refused):
     bench = CandidateEvaluator(flight_of(aircraft, bent))
     stall = Finding(bench.best_of(effect_of("stall")), bench.data, 9.0, 9.0, 0.0, 0.5, 9.0)
     said = stall.refusal(first=True)
-    assert said == ("its part of C_Z has the sign that it cannot have" if refused else "")
+    assert said == ("its part of C_Z has an impossible sign" if refused else "")
 
 
 def test_a_centre_of_gravity_that_moves_along_the_fuselage_need_not_be_seen_in_yaw(aircraft):

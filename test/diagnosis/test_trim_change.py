@@ -117,4 +117,4 @@ def test_what_cannot_be_absent_from_drag_is_not_named_where_nobody_sees_drag(air
         measured[:, AXES.index("CX")] *= share
     bench = CandidateEvaluator(replace(flight, measured=measured))
     ice = Finding(bench.best_of(BY_ID["icing"]), bench.data, 1.0, 9.0, 0.0, 0.5, 9.0)
-    assert ice.refusal(first=True) == f"it {cause} in C_X, where it cannot be absent"
+    assert ice.refusal(first=True) == f"it {cause} in C_X, where it must show"

@@ -289,20 +289,20 @@ def _shift(run: Path, kind: Kind, nanoseconds: int) -> None:
     [
         ("stal", "did you mean stall"),
         ("icing (growing on one wing)", "did you mean icing"),
-        ("CZ alpha", "no effect"),
-        ("CQ: alpha", "'CQ' is no axis: the axes are CX CY CZ Cl Cm Cn"),
-        ("CL: alpha**2", "'CL' is no axis of the model: for lift write CZ"),
-        ("C_L: alpha**2", "'C_L' is no axis of the model: for lift write CZ"),
+        ("CZ alpha", "not an effect"),
+        ("CQ: alpha", "'CQ' is not an axis: the axes are CX CY CZ Cl Cm Cn"),
+        ("CL: alpha**2", "'CL' is not an axis of the model: for lift write CZ"),
+        ("C_L: alpha**2", "'C_L' is not an axis of the model: for lift write CZ"),
         ("cl: beta**3", "and for the rolling moment Cl"),
-        ("CD: alpha**2", "'CD' is no axis of the model: for drag write CX"),
+        ("CD: alpha**2", "'CD' is not an axis of the model: for drag write CX"),
         ("CN: alpha**2", "and for the yawing moment Cn"),
-        ("CZ: wing", "'wing' in 'wing' is no signal"),
+        ("CZ: wing", "'wing' in 'wing' is not a signal"),
         ("CZ: alpha**", "is not an expression"),
         ("CZ: __import__('os')", "not allowed"),
         ("CZ: alpha", "'alpha' in CZ already"),
         ("CZ: 3*alpha", "does not determine"),
         ("CZ: max(alpha-2,0)", "does not determine"),
-        ("CZ: propeller_speed**2/0", "is no number, whatever the aeroplane does"),
+        ("CZ: propeller_speed**2/0", "is never a number, whatever the aeroplane does"),
         ("CZ: alpha**2; CZ: alpha**2", "twice"),
         ("", "nothing is named: give an effect such as stall"),
         ("CZ: alpha/max(alpha-2,0)", "is not finite at any point"),
@@ -339,9 +339,9 @@ def test_remove_says_what_there_is(run) -> None:
 
 @pytest.mark.long
 def test_what_is_no_run_or_damaged_is_said(run, tmp_path) -> None:
-    with pytest.raises(InputError, match="is no run"):
+    with pytest.raises(InputError, match="is not a run"):
         add(tmp_path / "nothing", "stall")
-    with pytest.raises(InputError, match="is no run"):
+    with pytest.raises(InputError, match="is not a run"):
         open_run(tmp_path)
     add(run, "CZ: alpha**3")
     (run / "model.json").write_text('{"model": "unknown"}')

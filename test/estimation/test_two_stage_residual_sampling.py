@@ -119,7 +119,7 @@ def test_columns_that_cannot_be_told_apart_are_named():
         return np.stack([t, 2.0 * t, np.ones(50)], axis=1)[:, None, :], (xi2[0] * t**2)[:, None]
 
     problem = Problem(t[:, None], model, ("one", "two", "three"), ("b",), FREE * 3, [[-1.0, 1.0]])
-    with pytest.raises(InputError, match="do not tell one, two at any of 8 samples"):
+    with pytest.raises(InputError, match="do not determine one, two at any of 8 samples"):
         sample_residuals(problem, Prior().samples(problem.bounds2, 8, 0))
 
 

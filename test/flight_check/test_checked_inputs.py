@@ -66,7 +66,7 @@ def test_one_that_stands_still_shows_nothing_and_hides_nothing_else(plane, flown
         return values
 
     said, parameters, _ = found_in(plane, changed(flown.samples, standing))
-    assert said.keys() == {("inputs.spoiler", "held")} and "stands at 0.1" in said["inputs.spoiler", "held"]
+    assert said.keys() == {("inputs.spoiler", "held")} and "stays at 0.1" in said["inputs.spoiler", "held"]
     assert not parameters["CZ_spoiler"].is_shown and parameters["CZ_alpha"].is_shown
     assert parameters["Cm_trim_tab"].is_shown
 

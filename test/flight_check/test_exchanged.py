@@ -41,11 +41,11 @@ def test_exchanged_vanes_are_named_and_so_in_flight(samples):
     exchanged = with_vanes_exchanged(samples)
     found = errors(exchanged)
     assert found.keys() == {"angle_of_attack", "sideslip"}
-    assert "take this one for sideslip" in found["angle_of_attack"]
+    assert "use this one as sideslip" in found["angle_of_attack"]
     pipeline = Pipeline(default_aircraft())
     pipeline.push(exchanged)
     pipeline.flush()
-    assert any("take this one for sideslip" in words for words in pipeline.check.words)
+    assert any("use this one as sideslip" in words for words in pipeline.check.words)
     assert not any(p.status.name == "USE" for p in pipeline.parameters.snapshot().parameters)
 
 
@@ -57,7 +57,7 @@ def test_exchanged_surfaces_are_named(samples, one, other):
     values[rows, i], values[rows, j] = samples.values[rows, j], samples.values[rows, i]
     found = errors(Samples(samples.stamp, samples.kind, values))
     assert found.keys() == {one, other}
-    assert f"take this one for {other}" in found[one] and f"take this one for {one}" in found[other]
+    assert f"use this one as {other}" in found[one] and f"use this one as {one}" in found[other]
 
 
 def test_rates_that_go_together_are_told_by_what_they_leave():

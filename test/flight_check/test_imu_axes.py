@@ -63,7 +63,7 @@ def test_without_gps_the_gyros_alone_are_named(samples):
     turned = with_imu(samples, {0: (1, 1.0), 1: (0, -1.0)})
     of_gps = np.isin(turned.kind, (Kind.GPS_VELOCITY, Kind.GPS_POSITION))
     sentences = [f.sentence for f in findings(turned[~of_gps])]
-    assert any("the axes are exchanged" in text for text in sentences)
+    assert any("the axes are swapped" in text for text in sentences)
     assert not any("is turned" in text for text in sentences)
 
 
@@ -74,4 +74,4 @@ def test_a_gyro_that_turns_more_than_the_attitude_may_be_right(samples, factor, 
     values[rows, 3] *= factor
     (found,) = findings(Samples(samples.stamp, samples.kind, values))
     assert found.kind == "scale" and found.signals == ("angular_velocity.x",)
-    assert found.sentence.endswith("the filter that made the attitude flattens it") is blames_attitude
+    assert found.sentence.endswith("the attitude filter smooths it") is blames_attitude

@@ -110,7 +110,7 @@ def test_a_vane_out_on_the_wing_that_the_file_does_not_mention_is_named_and_noth
     (words,) = pipeline.check.words
     assert "does not say where it is: set air_data_position: [null, " in words
     assert pipeline.check.vane_place == pytest.approx((0.4, 0.04), abs=0.03)  # a tenth: vanes have a lag
-    place, error = map(float, re.search(r"moves as one ([\d.]+) ± ([\d.]+) m to the right", words).groups())
+    place, error = map(float, re.search(r"moves like one ([\d.]+) ± ([\d.]+) m to the right", words).groups())
     assert abs(place - 0.4) < 4.0 * error < 0.4
 
 

@@ -100,6 +100,6 @@ def test_one_axis_without_numbers_for_a_fifth_of_the_flight_is_named(clean):
     some = rows[len(rows) // 3 :][: len(rows) // 5]
     values[some, 4] = flight_check.np.nan
     found = checked(Samples(clean.stamp, clean.kind, values)).findings
-    (finding,) = [f for f in found if "no numbers" in f.sentence]
+    (finding,) = [f for f in found if "not numbers" in f.sentence]
     assert finding.signals == ("angular_velocity.y",) and finding.kind == "missing"
     assert f"{len(some)} of {len(rows)}" in finding.sentence

@@ -13,7 +13,7 @@ KNOTS = 1.943844  # in a metre per second
 
 @pytest.mark.parametrize(
     ("factor", "words"),
-    [(KNOTS, "it is in knots, divide it by 1.94384"), (1.0 / KNOTS, "taken for knots and is not"), (0.62, "")],
+    [(KNOTS, "it is in knots, divide it by 1.94384"), (1.0 / KNOTS, "read as knots, which it is not"), (0.62, "")],
 )
 def test_an_airspeed_with_the_factor_of_a_unit(factor, words):
     aircraft = default_aircraft()

@@ -145,7 +145,7 @@ def test_a_place_is_looked_at_again_and_taken_back(monkeypatch: pytest.MonkeyPat
     early = samples.stamp < samples.stamp.min() + 45 * 10**9
     pipeline.push(samples[early])
     assert pipeline.check.vane_place == looks[0] and len(looks) == 1
-    assert any("moves as one" in words for words in pipeline.check.words)
+    assert any("moves like one" in words for words in pipeline.check.words)
     pipeline.push(samples[~early])
     pipeline.flush()
     assert len(looks) == 2 and pipeline.check.vane_place is None and not pipeline.check.findings
@@ -180,7 +180,7 @@ def test_a_vane_is_looked_for_again_once_the_wing_has_rolled(monkeypatch: pytest
     answers["surest"] = 0.02
     pipeline, looks = flown(1000)
     assert len(looks) == 1 + (looks[0] < 29.0)  # found at once, and not looked for but at 30 s
-    assert pipeline.check.vane_place and any("moves as one" in words for words in pipeline.check.words)
+    assert pipeline.check.vane_place and any("moves like one" in words for words in pipeline.check.words)
 
 
 @pytest.mark.long

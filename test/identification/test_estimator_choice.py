@@ -166,4 +166,4 @@ def test_it_stays_with_a_vane_in_the_regressors_a_sensor_that_is_suspected_or_no
 def test_a_model_that_rml_cannot_have_stays_with_least_squares_and_says_so(aircraft):
     sky = Sky(with_terms(aircraft, {"CZ": ("lag(alpha, 0.2)",)}, {}))
     assert not sky.fly(60.0)
-    assert "rml cannot be asked" in sky.choice.why
+    assert "rml cannot be used" in sky.choice.why

@@ -65,8 +65,8 @@ def test_nothing_rests_on_a_height_that_nothing_tells(flight, aircraft):
     data = settled_flight(reconstruct(aircraft_from_dict(content), samples, with_covariance=False))
     assert np.isnan(data.signal("height")).all()
     found = compare(data)
-    assert "needs height, which is not measured: record it, or say ground_altitude" in found.reasons["CZ"]
+    assert "needs height, which is not measured: record it, or give ground_altitude" in found.reasons["CZ"]
     assert set(found.axes) == {"CX", "CY", "Cl", "Cm", "Cn"}
     assert not any("height" in place.conditions for place in found.worst)
     (unseen,) = out_of_reach(CandidateEvaluator(data), [BY_ID["ground_effect"]], samples, True)
-    assert unseen.why == "nothing says where the ground is: ground_altitude of the aircraft file can"
+    assert unseen.why == "the height of the ground is not known: set ground_altitude in the aircraft file"

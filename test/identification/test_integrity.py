@@ -55,7 +55,7 @@ def test_nothing_outside_the_bounds_of_the_file_is_used(value, std, status):
 
 def test_bounds_that_leave_nothing_are_refused(aircraft):
     bounded = aircraft_from_dict({**aircraft.source, "parameter_bounds": {"CZ_alpha": [2, 8]}})
-    with pytest.raises(InputError, match="parameter_bounds CZ_alpha must meet what aeroplanes have, -15 to 0"):
+    with pytest.raises(InputError, match="parameter_bounds CZ_alpha must overlap what aeroplanes have, -15 to 0"):
         Identifier(bounded)
 
 

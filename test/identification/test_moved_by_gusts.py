@@ -28,7 +28,7 @@ def test_before_aileron_and_rudder_have_moved_nothing_of_roll_and_yaw_is_to_be_u
     pipeline.push(samples[early])
     before = of_axes(pipeline)
     assert not any(p.status is Trust.USE for p in before.values())
-    assert before["Cl_p"].reason == "nothing but gusts moves Cl yet: move the aileron"
+    assert before["Cl_p"].reason == "so far only gusts move Cl: move the aileron"
     pipeline.push(samples[~early])
     pipeline.flush()
     after = of_axes(pipeline)

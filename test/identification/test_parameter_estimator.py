@@ -301,6 +301,23 @@ def test_saved_model_goes_on_where_it_stopped(flight, tmp_path) -> None:
     ]
 
 
+def test_a_saved_model_keeps_what_its_standard_errors_rest_on(flight, tmp_path) -> None:
+    """The share that sparse samples take, the doubt of the bias, and what was known before an axis changed."""
+    rows, controls = perfect_inputs(flight)
+    (estimator, _), other = learn(flight.aircraft, rows[:6000], controls), Identifier(flight.aircraft)
+    state = estimator.learning.least_squares.state
+    state.sampling[:], state.bias_variance[:], state.prior_variance[2] = 6e-4, 1e-6, 1e-5
+    state.prior[2] = np.diag(np.diag(state.p[2]))
+    save_model(estimator, tmp_path / "model.json")
+    load_model(other, tmp_path / "model.json")
+    found = other.learning.least_squares.state
+    for name in ("sampling", "bias_variance", "prior", "prior_variance", "vane_covariance"):
+        np.testing.assert_array_equal(getattr(found, name), getattr(state, name))
+    for axis in range(6):
+        before, after = (e.learning.least_squares.estimate(axis).covariance for e in (estimator, other))
+        np.testing.assert_allclose(after, before, rtol=1e-9)
+
+
 @pytest.mark.parametrize("damage", ["", "{}", "[1]", '{"format": "aircraft_sysid_ros model 1"}', "truncated"])
 def test_damaged_model_file_changes_nothing(damage: str, flight, tmp_path) -> None:
     rows, controls = perfect_inputs(flight)

@@ -167,7 +167,7 @@ FILE = {
 
 @pytest.mark.parametrize(
     ("airframe", "name", "said"),
-    [("N1", "N2", "of N1"), (None, "N2", "of N2"), (None, "another", "of all"), ("N3", "N1", "'N3' is none of its")],
+    [("N1", "N2", "of N1"), (None, "N2", "of N2"), (None, "another", "of all"), ("N3", "N1", "'N3' is not one of its")],
 )
 def test_which_airframe_flies(airframe, name, said, aircraft, tmp_path):
     (tmp_path / "prior.json").write_text(json.dumps(FILE))

@@ -65,7 +65,7 @@ def test_what_bends_is_named_with_both_values_though_its_error_is_that_of_the_no
     error = y - x @ np.linalg.lstsq(x, y, rcond=None)[0]
     assert np.std(error) < 1.1 * NOISE_OF_CM
     words = said(model, points)
-    assert words.startswith("not one model of Cm: below an angle of attack of ") and "Cm_alpha" in words
+    assert words.startswith("no single model fits Cm: below an angle of attack of ") and "Cm_alpha" in words
     assert said(model, points, np.array([0.0, 1e-3, 0.0, 0.0])) == ""  # a vane with noise of 1.8° may bend it
 
 

@@ -61,7 +61,7 @@ def test_an_array_keeps_the_places_and_has_nan_for_the_rest():
     [
         ({"parameters": ("Cl_alpha*beta", "Cl_alpha*beta**2")}, "begin with 'Cl_alpha*b'"),
         ({"parameters": tuple(f"Cm_p{i}" for i in range(59)), "form": "array"}, "at most 58"),
-        ({"parameters": ("Cm_q", "Foo")}, "'Foo' is no parameter to send back: give an axis and a term"),
+        ({"parameters": ("Cm_q", "Foo")}, "'Foo' is not a parameter to send back: give an axis and a term"),
         ({"form": "json"}, "one of named or array"),
         ({"wind_rate": 1000.0}, "between 0 and 50 Hz"),
     ],

@@ -74,7 +74,7 @@ def test_a_vehicle_that_comes_back_under_another_number_is_named():
         session.receive(heartbeat(7), later)
     other = "the vehicle, system 1, is silent, and ArduPilot, system 7, is heard"
     assert session.condition == other
-    assert session.take_notes() == [f"{other}: start the bridge anew to follow it"]
+    assert session.take_notes() == [f"{other}: restart the bridge to follow it"]
     session.receive(heartbeat(1), later)
     assert "system 7" not in session.condition and session.take_notes() == ["the vehicle is back"]
     waits = Session(system=8)
@@ -236,7 +236,7 @@ def test_a_restart_of_the_autopilot_is_found_and_everything_asked_for_again(even
     flown = first(events, 25.0, IMU_ALONE)
     outputs = bridged(flown, simulator, session, at=[(8.0, lambda: simulator.reboot(8.0))])
     stamps = (np.array([o.stamp[0] for o in outputs if o.topic == "imu/data"]) - START) / SECOND
-    assert session.boot_time.reboots == 1 and "the autopilot has started anew" in session.notes
+    assert session.boot_time.reboots == 1 and "the autopilot has restarted" in session.notes
     after = stamps[stamps > 8.0]
     assert 11.0 < after[0] < 15.0  # three seconds of silence, then the clock must be known again
     assert len(after) > 0.95 * 100 * (25.0 - after[0])

@@ -97,7 +97,7 @@ def test_a_restart_within_a_log(tmp_path, events, mapping):
     data = log_of(events, mapping, reboot=3.0, until=14.0)
     report, samples = imported(tmp_path, data, mapping)
     imu, error, _ = imu_errors(samples, events)
-    assert any("started anew 1 times" in note for note in report["notes"])
+    assert any("restarted 1 times" in note for note in report["notes"])
     assert np.abs(error).max() < 0.01
     at = (imu.stamp - START) * 1e-9
     assert (at < 3.1).sum() > 290 and (at > 6.0).sum() > 650
@@ -110,5 +110,5 @@ def test_a_damaged_log_gives_the_rest(tmp_path, events, mapping):
     log = tmp_path / "damaged.tlog"
     log.write_bytes(data + b"\x00" * 5)
     content = read_tlog(log)
-    assert any("bytes are no messages" in note for note in content.notes)
+    assert any("bytes are not messages" in note for note in content.notes)
     assert content.found["RAW_IMU"] > 700

@@ -56,7 +56,7 @@ def test_who_calibrates_a_run_that_was_corrected_is_told(flown, tmp_path):
     """The new file alone leaves in what the first one corrected."""
     corrected = replayed(flown, tmp_path / "right", "--calibration", flown[0] / "calibration.yaml")
     (told,) = [note for note in corrected["notes"] if str(flown[0]) in note]
-    assert "comes on top of it" in told
+    assert "adds to it" in told
     assert _flight(str(tmp_path / "right"), ())[1] == [told]
     assert _flight(str(flown[0] / "flight"), ())[1] == []
     (tmp_path / "right" / "state.json").write_text("{")  # a damaged file is said where it is needed

@@ -113,7 +113,7 @@ def test_after_a_reset_the_run_is_of_the_whole_flight_and_says_so(recording, air
         assert caller.call(AddEffect, "/parameter_estimator/add_effect", expression="CZ: alpha**3").success
         sent = playing.result()
         caller.spin_until_quiet()  # what is behind has no flight yet that a term could be refused for
-        for expression, words in (("sqrt(alpha-5)", "is no number at"), ("max(alpha-2,0)", "has been 0 throughout")):
+        for expression, words in (("sqrt(alpha-5)", "is not a number at"), ("max(alpha-2,0)", "has been 0 throughout")):
             answer = caller.call(AddEffect, "/parameter_estimator/add_effect", expression=f"CZ: {expression}")
             assert not answer.success and words in answer.message
         assert caller.call(Reset, "/state_estimator/reset").success

@@ -22,7 +22,7 @@ def test_the_page_takes_terms_of_inputs_that_the_aircraft_file_of_the_node_names
     source = {**aircraft.source, "inputs": {"trim_tab": {"unit": "deg"}, "spoiler": None}}
     (tmp_path / "aircraft.yaml").write_text(yaml.safe_dump(source, sort_keys=False))
     page.wait(60.0)
-    assert "is no signal" in complaint("Cm: trim_tab", page.flight.inputs)
+    assert "is not a signal" in complaint("Cm: trim_tab", page.flight.inputs)
     node = bench.node(ParameterEstimatorNode, aircraft_file=str(tmp_path / "aircraft.yaml"))
     before = page.revision
     assert start(node)

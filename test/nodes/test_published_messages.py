@@ -256,7 +256,7 @@ def test_a_twin_and_an_input_of_another_type_are_named(bench, monkeypatch):
     monkeypatch.setattr(node, "get_publishers_info_by_topic", lambda topic: [twist] * topic.endswith("gps/vel"))
     bench.spin_until(lambda: "another program publishes /state_estimator/state" in said())
     bench.spin_until(lambda: "/gps/vel is published as geometry_msgs/msg/Twist" in said())
-    assert said().startswith("another") and ("and heard as geometry_msgs/msg/" in said()), said()
+    assert said().startswith("another") and ("but heard as geometry_msgs/msg/" in said()), said()
 
 
 @pytest.mark.long

@@ -87,7 +87,7 @@ def test_two_in_one_namespace_are_said(aircraft_file, bench, tmp_path):
 def test_a_bad_namespace_is_one_sentence(aircraft_file, namespace, tmp_path):
     command = ours("commands.main", "live", "--aircraft", aircraft_file, "--namespace", namespace)
     done = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert done.returncode == 2 and "is no namespace" in done.stderr.splitlines()[-1]
+    assert done.returncode == 2 and "is not a namespace" in done.stderr.splitlines()[-1]
     assert "Traceback" not in done.stderr and not list(tmp_path.iterdir())
     node = [sys.executable, "-m", "aircraft_sysid_ros.nodes.overview", "--ros-args", "-r", f"__ns:=/{namespace}"]
     done = subprocess.run(node, capture_output=True, text=True, check=False)

@@ -80,7 +80,7 @@ def test_an_imu_whose_stamps_stand_still_is_said(period, stands) -> None:
     stamps = np.arange(0, 10 * 10**9, 10**7) // period * period
     for part in np.array_split(stamps, 40):
         list(order.push(samples_of(Kind.IMU, part, np.zeros((len(part), 6)))))
-    assert ("the stamps of the IMU stand still: 990 of 1000" in order.counts.stamps_in_words) == stands
+    assert ("the stamps of the IMU do not advance: 990 of 1000" in order.counts.stamps_in_words) == stands
     assert bool(order.counts.stamps_in_words) == stands
 
 
@@ -152,7 +152,7 @@ def test_gps_that_is_stamped_ahead_of_all_other_sensors_is_left_out_and_told(ahe
     assert order.counts.wrong_stamp[Kind.GPS_VELOCITY] == left_out
     words = order.counts.gps_in_words
     assert (f"20 of 20 samples of the GPS are stamped {ahead:.1f} s or more ahead" in words) is bool(left_out)
-    assert ("time of GPS is ahead of UTC" in words) is (ahead == 18.0)
+    assert ("GPS time is ahead of UTC" in words) is (ahead == 18.0)
 
 
 def test_what_came_before_the_imu_with_no_stamp_is_of_no_clock() -> None:

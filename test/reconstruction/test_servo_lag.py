@@ -98,7 +98,7 @@ def test_who_simulates_a_file_with_a_lag_records_commands() -> None:
         ({"control_surfaces": {"lag": 5}}, "must be between 0 and 0.5 s"),
         ({"air_data": {"lag": 0.1}}, "sensor air_data has no lag: only control_surfaces has one"),
         ({"control_surfaces": {"lag": "slow"}}, "the lag of sensor control_surfaces"),
-        ({"control_surfaces": {"lag": "0.06 ± some"}}, "or one that was found, as 0.060 ± 0.003"),
+        ({"control_surfaces": {"lag": "0.06 ± some"}}, "or an estimated one, as 0.060 ± 0.003"),
         ({"controls": {"lag": 0.1}, "control_surfaces": {"noise": 0.01}}, "controls and control_surfaces are the same"),
     ],
 )

@@ -72,7 +72,7 @@ def test_who_says_another_lag_than_the_flight_has_is_told(run, tmp_path):
     for lag in (0.0, 0.02, 0.06, 0.12):
         said = aircraft_from_dict({**shape, "sensors": {"control_surfaces": {"lag": lag}}})
         found = replay([str(run.parent / "bag")], said, tmp_path / f"{lag}")
-        told[lag] = [note for note in found["notes"] if "what the file says is used" in note]
+        told[lag] = [note for note in found["notes"] if "the value of the file is used" in note]
     assert "no delay and no lag" in told[0.0][0]
     assert "a lag of 0.02 s" in told[0.02][0] and "later than that" in told[0.02][0]
     assert told[0.06] == []

@@ -130,7 +130,7 @@ def test_what_the_flight_does_not_tell_is_not_moved(still_run):
     content = refine(run, OUTPUT_ERROR, replace(OPTIONS, maximum_iterations=0)).content
     found = {p["name"]: p for p in content["parameters"]}
     for name in ("Cn_dr", "CY_dr", "Cl_dr"):
-        assert found[name]["status"] == "HOLD" and "not moved" in found[name]["reason"]
+        assert found[name]["status"] == "HOLD" and "left at its start value" in found[name]["reason"]
 
 
 def test_bad_runs_are_refused(still_run):

@@ -211,7 +211,7 @@ def test_every_kind_of_flight_shows_what_it_is_for(manoeuvres):
 
 
 def test_bad_requests_are_one_sentence(aircraft):
-    with pytest.raises(InputError, match="'wings' is no effect"):
+    with pytest.raises(InputError, match="'wings' is not an effect"):
         hidden_flight(effect="wings", duration=20.0)
     with pytest.raises(InputError, match="no simulated flight can hide it"):
         hidden_flight(effect="fuel_burn", duration=20.0)

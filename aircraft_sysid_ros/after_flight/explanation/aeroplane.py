@@ -130,7 +130,7 @@ class KnownMode:
 
     @property
     def json(self) -> dict[str, Any]:
-        """As INTERFACE.md has it, with null for what is not known."""
+        """As ``explain --json`` prints it, with null for what is not known."""
         known = not self.reason
         std = {"frequency": self.std_frequency, "damping": None if self.is_first_order else self.std_damping}
         return {
@@ -151,7 +151,7 @@ class KnownMode:
             return ""
         sure = abs(self.growth) > 2.0 * self.std_growth
         if not sure:
-            return "about neutral: neither grows nor dies away beyond doubt"
+            return "about neutral: growth or decay is within the standard errors"
         if self.growth > 0.0:
             return f"grows: doubles in {np.log(2.0) / self.growth:.2g} s"
         swings = self.damping < 1.0
@@ -252,7 +252,7 @@ def _apart(name: str, whole: tuple[float, float], learnt: tuple[float, float] | 
     """Why a value and standard error of the whole flight do not count beside those learnt in flight; empty: they do."""
     if learnt is None or not abs(whole[0] - learnt[0]) > _APART * np.hypot(whole[1], learnt[1]):
         return ""
-    return f"{name} is {learnt[0]:.3g} ± {learnt[1]:.2g} as it was learnt in flight, and {whole[0]:.3g} over all of it"
+    return f"{name} is {learnt[0]:.3g} ± {learnt[1]:.2g} as learnt in flight, but {whole[0]:.3g} over the whole flight"
 
 
 def _not_below(covariance: Array, names: list[str], estimates: Mapping[str, tuple[float, float]]) -> Array:
@@ -350,15 +350,13 @@ def _stall(learnt: Learnt, onset: float | None) -> list[Fact]:
     usual, highest = float(np.median(alpha[known])), float(np.percentile(alpha[known], 99.5))
     lift = float(np.percentile(-cz[known], 99.5))
     if onset is not None and onset <= usual:
-        reason = f"a stall that begins at {onset / _DEGREE:.1f}°, below the median of {usual / _DEGREE:.1f}°, is none"
+        reason = f"what begins at {onset / _DEGREE:.1f}°, below the median of {usual / _DEGREE:.1f}°, is not a stall"
         return [Fact("stall_margin", "stall", "margin to the stall", np.nan, np.nan, "deg", "", reason)]
     if onset is not None and np.isfinite(onset):
-        words = (
-            f"the stall begins at {onset / _DEGREE:.1f}°, the flight is at {usual / _DEGREE:.1f}° for half of its time"
-        )
+        words = f"the stall begins at {onset / _DEGREE:.1f}°, half of the flight is below {usual / _DEGREE:.1f}°"
         return [Fact("stall_margin", "stall", "margin to the stall", (onset - usual) / _DEGREE, np.nan, "deg", words)]
     words = (
-        f"at least: half of the flight is below {usual / _DEGREE:.1f}°, and it went up to {highest / _DEGREE:.1f}° and "
+        f"at least: half of the flight is below {usual / _DEGREE:.1f}°, and it reached {highest / _DEGREE:.1f}° and "
         f"a lift coefficient of {lift:.2f} without a stall"
     )
     return [Fact("stall_margin", "stall", "margin to the stall", (highest - usual) / _DEGREE, np.nan, "deg", words)]
@@ -406,7 +404,7 @@ def _known(learnt: Learnt, mode: Mode, drawn: list[Mode]) -> KnownMode:
         if axis in learnt.lacking:
             return _unknown(mode.name, learnt.lacking[axis])
     if len(drawn) < _MOST * DRAWS:
-        return _unknown(mode.name, "within the standard errors it may be there or not")
+        return _unknown(mode.name, "within the standard errors this mode may not exist")
     frequency, damping, growth = (
         _spread(np.array([getattr(each, name) for each in drawn])) for name in ("frequency", "damping", "growth")
     )

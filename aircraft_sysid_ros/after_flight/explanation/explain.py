@@ -83,7 +83,7 @@ class Explanation:
 
     @property
     def json(self) -> dict[str, Any]:
-        """The JSON of INTERFACE.md, with what is said first."""
+        """What ``explain --json`` prints, with what is said first."""
         return {
             "log": self.log,
             "run": None if self.replayed is None else str(self.out / RUN),
@@ -220,7 +220,7 @@ def with_gps_in_time(aircraft: Aircraft, checked: CheckedRecording) -> tuple[Air
         for finding in checked.checked.findings
     )
     note = (
-        f"the GPS comes {late:.2f} s late, as the check shows, and that is taken off here: other commands do so with "
+        f"the GPS comes {late:.2f} s late, as the check shows, and this is corrected here: other commands do so with "
         f"`gps: {{delay: {late:.2f}}}` under `sensors` of the aircraft file"
     )
     better = with_setting(aircraft, ("sensors", "gps", "delay"), round(late, 3))
@@ -329,12 +329,10 @@ def _recording(log: Path, target: Path, options: ExplainOptions) -> tuple[Path, 
     if not log.exists():
         raise InputError(f"there is no log {log}")
     if (log / PARAMETERS).is_file() and (log / AIRCRAFT).is_file():
-        raise InputError(
-            f"{log} is a run: give the recording or the log that it was made from, which is explained anew"
-        )
+        raise InputError(f"{log} is a run: give the recording or the log that it was made from, to be explained again")
     is_bag = log.suffix.lower() in BAGS or (log.is_dir() and (log / "metadata.yaml").exists())
     if is_bag and options.columns:
-        raise InputError(f"--map is for tables: {log} says itself what it holds")
+        raise InputError(f"--map is for tables: {log} itself says what it holds")
     refused = None
     if is_bag and not is_autopilot_bag(log):
         try:
@@ -369,7 +367,7 @@ def _beside(path: Path) -> tempfile.TemporaryDirectory[str]:
     parent = path.absolute().parent
     in_the_way = next((folder for folder in (*parent.parents, parent) if folder.is_file()), None)
     if in_the_way is not None:
-        raise InputError(f"cannot write {path}: {in_the_way} is a file and can hold no folder, give another name")
+        raise InputError(f"cannot write {path}: {in_the_way} is a file and cannot hold a folder, give another name")
     try:
         parent.mkdir(parents=True, exist_ok=True)
         if not os.access(parent, os.W_OK | os.X_OK):

@@ -106,7 +106,7 @@ def _lacking(evidence: Evidence) -> Iterator[Said]:
     if evidence.check.get("duration", SHORTEST) < SHORTEST:
         why = f": {evidence.broken}" if evidence.broken else ""
         yield Said(
-            "short", f"The log holds {evidence.check['duration']:.1f} s, too little for anything to be said of it{why}."
+            "short", f"The log holds {evidence.check['duration']:.1f} s, too little to say anything about it{why}."
         )  # fmt: skip
         return
     lacking = [f for f in _findings(evidence.check, WARNING) if f.kind == "missing"] if not used else []
@@ -136,7 +136,7 @@ def _vanes(evidence: Evidence) -> Iterator[Said]:
     """That angles of flow were not measured, which is no fault of a sensor, and is said after these."""
     if _shows_little(evidence) and not any(_lacking(evidence)) and (vanes := _absent_vanes(evidence.check)):
         yield Said(
-            "vanes", f"Nothing measured {vanes}, and what speed, wind and attitude make of it is too little to say "
+            "vanes", f"Nothing measured {vanes}, and what speed, wind and attitude show of it is too little to say "
             f"what the aeroplane is like: {_known(evidence)}. Fly what is listed under 'what to fly next' in calm air, "
             "with a good attitude, or with a vane.",
         )  # fmt: skip
@@ -174,7 +174,7 @@ def _sensors(evidence: Evidence) -> Iterator[Said]:
         if not said & set(finding.signals):
             said |= set(finding.signals)
             named = short_names(finding.signals)
-            yield Said(f"check {finding.kind}", f"Of {named} something is wrong: {finding.sentence}.")
+            yield Said(f"check {finding.kind}", f"Something is wrong with {named}: {finding.sentence}.")
     for candidate in _found(evidence):
         if candidate["kind"] == MEASUREMENT and not (said and _explained_by(candidate["effect"], said)):
             yield Said(str(candidate["effect"]), f"The aircraft file does not describe the sensors as they are: "
@@ -236,7 +236,7 @@ def _missing(evidence: Evidence) -> Iterator[Said]:
         others = [BY_ID[name].name for name in candidate["confounded_with"] if name in BY_ID]
         doubt = f"; this flight cannot tell it from {listed(others)}" if others else ""
         if candidate["effect"] is None:
-            text = f"The model lacks something that has no name here, {candidate['label']}{fall}{doubt}."
+            text = f"The model lacks something that has no name in the library, {candidate['label']}{fall}{doubt}."
         else:
             happened = candidate.get("inner", {}).keys() & TIMES_OF_CHANGE  # then when is where
             where = candidate["where"].partition(";")[0] if happened else candidate["where"]
@@ -253,7 +253,7 @@ def _mass(evidence: Evidence) -> Iterator[Said]:
     if abs(shown - stated) > max(LEAST_MASS * stated, SURE_MASS * std):
         yield Said(
             "mass", f"The recorded thrust moves the aeroplane as if its mass were {shown:.3g} ± {std:.2g} kg, and the "
-            f"aircraft file says {stated:.3g} kg: the mass or the thrust is wrong, and every coefficient of force with "
+            f"aircraft file says {stated:.3g} kg: the mass or the thrust is wrong, and every force coefficient with "
             "it.",
         )  # fmt: skip
 
@@ -262,7 +262,7 @@ def _balance(evidence: Evidence) -> Iterator[Said]:
     margin = next((f for f in evidence.facts if f.key == "static_margin" and not f.reason), None)
     if margin is not None and margin.value + 2.0 * margin.std < SMALL_MARGIN:
         unstable = margin.value + 2.0 * margin.std < 0.0
-        how = "unstable in pitch" if unstable else "hardly stable in pitch"
+        how = "unstable in pitch" if unstable else "barely stable in pitch"
         yield Said(
             "balance", f"The aeroplane is {how}: its static margin is {margin.value:.1f} ± {margin.std:.2g} % of the "
             "chord, so the centre of gravity is too far aft.",
@@ -274,7 +274,7 @@ def _late(evidence: Evidence) -> Iterator[Said]:
     found = {candidate["effect"] for candidate in _found(evidence)}
     if evidence.late and not found & {*OF_SERVOS, "actuator_lag", "late_controls"} and not _has_late_surfaces(evidence):
         words = late_words(evidence.late)
-        yield Said("late", f"{words[0].upper()}{words[1:]}, as this flight shows: the parameters are freed of that.")
+        yield Said("late", f"{words[0].upper()}{words[1:]}, as this flight shows: parameters are corrected for that.")
 
 
 def _nothing(evidence: Evidence) -> Said:
@@ -290,14 +290,14 @@ def _nothing(evidence: Evidence) -> Said:
         usable = f"{used or 'none'} of {all_of_them}"
         return Said(
             "nothing",
-            f"Nothing is surely missing. {suspect['name'] or suspect['label']} would take {share:.0f} % of the error "
-            f"of {axis[0]}_{axis[1]}, but {suspect['refused']}. The sensors agree, and {usable} parameters can be "
-            "used.",
+            f"Nothing is clearly missing. {suspect['name'] or suspect['label']} would remove {share:.0f} % of "
+            f"the error of {axis[0]}_{axis[1]}, but {suspect['refused']}. The sensors agree, and {usable} parameters "
+            "can be used.",
         )
     if not used:
         return Said(
-            "nothing", f"No parameter can be used (0 of {all_of_them}), so that this flight says nothing of the "
-            "aeroplane, nor of a fault of its model; its sensors agree.",
+            "nothing", f"No parameter can be used (0 of {all_of_them}), so this flight says nothing about the "
+            "aeroplane or about faults of its model; its sensors agree.",
         )  # fmt: skip
     return Said(
         "nothing", f"Nothing is missing that this flight could show: the sensors agree, and {used} of {all_of_them} "

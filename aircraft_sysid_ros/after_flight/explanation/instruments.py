@@ -138,17 +138,18 @@ def _halves(aircraft: Aircraft, samples: Samples) -> list[tuple[Samples, dict[st
 def _scale(signal: str, words: str, value: float, std: float) -> InstrumentError:
     """y_true = (1 + value) y: what it shows is 1 / (1 + value) of the truth."""
     shown, spread = 100.0 * (1.0 / (1.0 + value) - 1.0), 100.0 * std / (1.0 + value) ** 2
-    way = "too much" if shown > 0.0 else "too little"
-    text = f"{words} shows {abs(shown):.1f} ± {spread:.1f} % {way}: calibrate it, or divide it by {1 + shown / 100:.3f}"
+    way = "too high" if shown > 0.0 else "too low"
+    remedy = f"calibrate it, or divide it by {1 + shown / 100:.3f}"
+    text = f"{words} reads {abs(shown):.1f} ± {spread:.1f} % {way}: {remedy}"
     return InstrumentError(signal, "scale", shown, spread, text)
 
 
 def _offset(signal: str, words: str, value: float, std: float) -> InstrumentError:
     """y_true = y + value."""
     shown, spread = -_DEGREES * value, _DEGREES * std
-    way = "too much" if shown > 0.0 else "too little"
+    way = "too high" if shown > 0.0 else "too low"
     remedy = f"take {shown:.1f}° off" if shown > 0.0 else f"add {-shown:.1f}°"
-    text = f"{words} shows {abs(shown):.1f} ± {spread:.1f}° {way}: set its zero, or {remedy}"
+    text = f"{words} reads {abs(shown):.1f} ± {spread:.1f}° {way}: set its zero, or {remedy}"
     return InstrumentError(signal, "offset", shown, spread, text)
 
 
@@ -157,7 +158,7 @@ def _moved(signal: str, words: str, before: Offset, after: Offset) -> Instrument
     first, second = (f"{-_DEGREES * value:+.1f} ± {_DEGREES * std:.1f}°" for value, std, _ in (before, after))
     text = (
         f"{words} is wrong by {first} in the first half of the flight and by {second} in the second: it moves, so no "
-        "zero is right for it; fasten it, and leave it out of this flight"
+        "zero is right for it; fasten it, and do not use it in this flight"
     )
     change, spread = _DEGREES * (before.value - after.value), _DEGREES * float(np.hypot(before.std, after.std))
     return InstrumentError(signal, "offset that moves", change, spread, text)

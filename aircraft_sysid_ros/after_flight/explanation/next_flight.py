@@ -20,7 +20,7 @@ from aircraft_sysid_ros.reconstruction.state import CONTRADICTED, contradiction_
 from aircraft_sysid_ros.recordings.autopilot_log import NO_SURFACES
 
 _YAW = "rudder doublets{yaw} and steady sideslips to both sides"
-_WITHOUT_RUDDER = "aileron doublets{yaw} of which the aeroplane slips and yaws, and quick reversals of the bank"
+_WITHOUT_RUDDER = "aileron doublets{yaw} that make the aeroplane slip and yaw, and quick bank reversals"
 #: Which manoeuvre moves a signal; the first that a term reads decides.
 _MANOEUVRES: tuple[tuple[frozenset[str], str], ...] = (
     (frozenset({"de", "q", "alpha", "alpha_dot"}), "elevator doublets and a 3-2-1-1{pitch}, slow and fast"),
@@ -64,10 +64,10 @@ def _to_tell_the_airspeed(reads: Sequence[float] | None) -> Iterator[str]:
         return
     told = f"only that the airspeed reads {reads[0]:.2f} to {reads[1]:.2f} of what it should"
     if reads[1] - reads[0] > _NOT_TOLD:
-        told = "next to nothing of whether the airspeed reads true"
+        told = "almost nothing about whether the airspeed is right"
     yield (
-        f"Fly two full circles with GPS: this flight tells {told}, and every coefficient goes with its square, which "
-        "no error here counts."
+        f"Fly two full circles with GPS: this flight shows {told}, and every coefficient goes with its square, which "
+        "no standard error here counts."
     )
 
 
@@ -75,7 +75,7 @@ def _to_record(check: Mapping[str, Any]) -> Iterator[str]:
     """What no manoeuvre shows, since it is not in the recording at all; of some samples lost the check speaks."""
     absent = _not_recorded(check)
     if missing := [signal for signal, why in absent.items() if NO_SURFACES not in why]:
-        yield f"Record {listed(missing)}: nothing that is flown makes up for what is not in the log."
+        yield f"Record {listed(missing)}: no manoeuvre makes up for what is not in the log."
     if outputs := [signal for signal in absent if signal not in missing]:
         yield f"Explain this log again with --calibration: nothing says which of its outputs move {listed(outputs)}."
 
@@ -134,8 +134,8 @@ def _for_parameters(
             yield f"Measure where the sensors are and write {keys} into the aircraft file: errors are wider for it."
         if unknown and (seconds := _seconds_of_flow(check, learnt)) < THRESHOLDS.shortest <= check["duration"]:
             yield (
-                f"First let something tell the angles of flow, which are known for {seconds:.0f} s here: {TELL_FLOW}; "
-                "give the filter the attitude, too, if the log has one. Without that no manoeuvre shows more."
+                f"First make the flow angles known, which they are for {seconds:.0f} s only here: {TELL_FLOW}; "
+                "also give the filter the attitude, if the log has one. Without that no manoeuvre shows more."
             )
             return
         listed_programs = [p for of_axis in learnt.model.programs for p in of_axis]
@@ -205,4 +205,4 @@ def _more(learnt: Learnt | None) -> str:
     low, high = np.nanpercentile(speed, (2.0, 98.0))
     if high < _WIDEST * low:
         return f"The same manoeuvres slower and faster: this flight covers {low:.3g} to {high:.3g} m/s only."
-    return f"Nothing more is needed for this model between {low:.3g} and {high:.3g} m/s; other speeds would widen it."
+    return f"Nothing more is needed for this model from {low:.3g} to {high:.3g} m/s; other speeds would widen this."

@@ -110,8 +110,8 @@ class FlightData:
             return []
         slow = THRESHOLDS.rolling_speed * self.aircraft.minimum_airspeed
         return [
-            f"{self.rolled:.0f} s beside an airspeed below {slow:.2g} m/s are left out: wheels may have pushed the "
-            "aeroplane there (minimum_airspeed of the aircraft file says how slowly it can fly)"
+            f"{self.rolled:.0f} s next to an airspeed below {slow:.2g} m/s are left out: the aeroplane may have been "
+            "on its wheels there (minimum_airspeed of the aircraft file says how slowly it can fly)"
         ]
 
     @cached_property
@@ -244,7 +244,7 @@ class FlightData:
         instead = throttle_instead({axis: self.model.terms[axis]})
         if not instead or not (self.signal("throttle") > 0.0).any():
             return ""
-        return f" (under 'model' of the aircraft file {instead} has the throttle in place of the thrust)"
+        return f" (under 'model' of the aircraft file {instead} uses the throttle in place of the thrust)"
 
     @property
     def untold(self) -> list[str]:

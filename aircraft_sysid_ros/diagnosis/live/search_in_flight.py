@@ -340,7 +340,7 @@ def requested(text: str, inputs: tuple[str, ...] = ()) -> Effect | Terms:
     parsed = parse_request(text, inputs)
     if isinstance(parsed, Effect) and parsed.kind == MEASUREMENT:
         raise InputError(
-            f"'{parsed.identifier}' is a matter of the sensors, which the model cannot correct in flight: after it, "
+            f"'{parsed.identifier}' concerns the sensors, which the model cannot correct in flight: after it, "
             f"aircraft-sysid add RUN {parsed.identifier} gives an aircraft file with which both nodes can be started"
         )
     return parsed
@@ -380,12 +380,12 @@ def _check_value(name: str, values: Array, read: Array) -> None:
     undefined = ~np.isfinite(values)
     if 2 * undefined.sum() > len(values):
         share = f"{undefined.sum()} of the {len(values)} newest points"
-        raise InputError(f"'{name}' is no number at {share} of this flight: correct the expression")
+        raise InputError(f"'{name}' is not a number at {share} of this flight: correct the expression")
     values = values[~undefined]
     says_nothing = np.ptp(read, axis=0).any() if read.shape[1] else not values.any()  # a constant reads no signal
     if says_nothing and np.ptp(values) <= _CONSTANT * np.abs(values).max():
         raise InputError(
-            f"'{name}' has been {values[0]:.3g} throughout this flight, so that it says nothing: correct the "
+            f"'{name}' has been {values[0]:.3g} throughout this flight, so that it shows nothing: correct the "
             "expression, or add it once it varies"
         )
 

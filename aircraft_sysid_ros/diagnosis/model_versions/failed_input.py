@@ -26,11 +26,13 @@ class FailedInput:
     errors: dict[str, tuple[float, float]]
 
 
-def failed_input(aircraft: Aircraft, samples: Samples | None, identifier: str) -> FailedInput | None:
+def failed_input(
+    aircraft: Aircraft, samples: Samples | None, identifier: str, zero: int | None = None
+) -> FailedInput | None:
     """What ``diagnose`` says of an effect by forces alone; None where it does not judge the flight so, or says no such
-    thing.
+    thing. ``zero``: stamp [ns] from which the signal ``time`` of terms counts.
     """
-    report = None if identifier not in BY_FORCES or samples is None else by_forces(aircraft, samples)
+    report = None if identifier not in BY_FORCES or samples is None else by_forces(aircraft, samples, zero=zero)
     for candidate, episode in candidates_of(report) if report is not None else ():
         if candidate["effect"] == identifier:
             terms = {axis: tuple(texts) for axis, texts in candidate["terms"].items()}

@@ -40,7 +40,7 @@ def label_from(name: str, note: str) -> Label:
         raise InputError("a name is one line, and neither it nor a note holds characters that do not print")
     for what, text, longest in (("name", name, LONGEST_NAME), ("note", note, LONGEST_NOTE)):
         if len(text) > longest:
-            raise InputError(f"the {what} has {len(text)} characters: {longest} are the most")
+            raise InputError(f"the {what} has {len(text)} characters: at most {longest} are allowed")
     return Label(name, note)
 
 

@@ -34,7 +34,7 @@ def parse_request(text: str, inputs: tuple[str, ...] = ()) -> Effect | dict[str,
     if ":" not in text:
         hint = did_you_mean(text.partition(" (")[0], BY_ID, 3) or "`aircraft-sysid add --help` lists them"
         hint = "" if set("*/^+") & set(text) else f", {hint.rstrip('?')}"  # an expression is no effect that is misspelt
-        raise InputError(f"'{text[:60]}' is no effect{hint}; a term is written with its axis, such as CZ: alpha**3")
+        raise InputError(f"'{text[:60]}' is not an effect{hint}; a term is written with its axis, such as CZ: alpha**3")
     terms: dict[str, tuple[str, ...]] = {}
     for part in filter(None, map(str.strip, text.split(";"))):
         axis, _, expression = part.partition(":")
@@ -50,10 +50,10 @@ def _axis_named(written: str) -> str:
     if name in AXES:
         return name
     if name.lower() in _OTHER_COEFFICIENTS:
-        raise InputError(f"'{written[:30]}' is no axis of the model: {_OTHER_COEFFICIENTS[name.lower()]}")
+        raise InputError(f"'{written[:30]}' is not an axis of the model: {_OTHER_COEFFICIENTS[name.lower()]}")
     found = {axis.lower(): axis for axis in AXES}.get(name.lower())
     if found is None:
-        raise InputError(f"'{written[:30]}' is no axis: the axes are {' '.join(AXES)}")
+        raise InputError(f"'{written[:30]}' is not an axis: the axes are {' '.join(AXES)}")
     return found
 
 

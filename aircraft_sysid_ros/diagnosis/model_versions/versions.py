@@ -21,6 +21,7 @@ import re
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -131,6 +132,17 @@ class Run:
     def calm_air(self) -> bool:
         """The air was taken as calm when the flight was replayed."""
         return calm_air_of(self.path)
+
+    @cached_property
+    def zero(self) -> int | None:
+        """Stamp [ns] from which the signal ``time`` counts, where the filter started; None where it did not."""
+        try:
+            points = read_points(self.path)
+            time = points["signals"][:, points["signal_names"].tolist().index("time")]
+        except UNREADABLE:  # said of that file
+            return None
+        known = np.flatnonzero(np.isfinite(time))
+        return int(points["stamp"][known[0]]) - int(1e9 * time[known[0]]) if len(known) else None
 
     @property
     def notes(self) -> list[str]:

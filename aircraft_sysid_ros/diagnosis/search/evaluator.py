@@ -387,7 +387,7 @@ def why_no_terms(flight: FlightData, trial: Score, name: str) -> str:
     texts = {axis: {program.text for program in flight.parsed(terms[axis])} for axis in trial.gains}
     if all(found <= set(flight.model.terms[axis]) for axis, found in texts.items()):
         return f"the model has '{name}' already"
-    return f"this flight does not determine '{name}' beside what the model has"
+    return f"this flight does not determine '{name}' besides what the model has"
 
 
 def errors_of(flight: FlightData, trial: Score, axis: str) -> tuple[float, float]:

@@ -398,7 +398,7 @@ def why_none(flight: FlightData) -> str:
             groups.setdefault(error.has, []).append(axis)
             sentences.append(str(error))
     of_first, *others = groups.items()
-    same = f" (so it is with {listed(of_first[1][1:])})" if len(of_first[1]) > 1 else ""
+    same = f" (the same for {listed(of_first[1][1:])})" if len(of_first[1]) > 1 else ""
     parts = [f"{sentences[0]}{same}", *(f"{listed(axes)} ha{'ve' if axes[1:] else 's'} {has}" for has, axes in others)]
     if untold := flight.untold:
         parts.append(f"for {listed(untold)} {TELL_FLOW}")

@@ -78,13 +78,13 @@ def _rivals(candidate: Candidate, change: TrimChange) -> tuple[str, ...]:
 def _words(candidate: Candidate, change: TrimChange, data: FlightData) -> str:
     """What the evidence is, for people."""
     said = (
-        f"told to {change.within:.0f} s by the elevator of steady flight: of what it makes, means over {WINDOW:g} s "
+        f"dated to {change.within:.0f} s by the elevator in steady flight: of its moment, means over {WINDOW:g} s "
         f"leave {change.before:.0%} unexplained, and {change.after:.0%} with this"
     )
     if candidate.family != _CG:
         return said
     where, chord = "forward" if change.with_lift > 0.0 else "aft", data.aircraft.chord
     # a slow IMU sees the elevator as too weak in manoeuvres: by a sixth at 10 Hz
-    more = ", or up to a fifth more: the IMU is slow" if data.sparse_interval > 0.0 else ""
+    more = ", or up to a fifth more, since the IMU is slow" if data.sparse_interval > 0.0 else ""
     moved, std = abs(change.with_lift) * chord, change.std_with_lift * chord
     return f"{said}; the centre of gravity is {moved:.2g} ± {std:.1g} m further {where}{more}"

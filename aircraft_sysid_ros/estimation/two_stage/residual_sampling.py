@@ -92,7 +92,7 @@ def _no_solution(problem: Problem, samples: ResidualSamples, vague: npt.NDArray[
     if samples.count(Verdict.NOT_FINITE) == len(samples.xi2):
         return f"the model is not finite at any of {len(samples.xi2)} samples: check the bounds and the inputs"
     names = ", ".join(name for name, is_vague in zip(problem.names1, vague, strict=True) if is_vague)
-    return f"the data do not tell {names} at any of {len(samples.xi2)} samples: record a motion that moves them apart"
+    return f"the data do not determine {names} at any of {len(samples.xi2)} samples: record motion that separates them"
 
 
 def candidates(problem: Problem, samples: ResidualSamples, conditions: Conditions) -> tuple[ResidualSamples, list[int]]:

@@ -45,7 +45,7 @@ def _outside(item: NamedInput, stream: Stream, inside: npt.NDArray[np.bool_]) ->
     cause = (
         "give its unit, or wider limits, in the aircraft file"
         if many
-        else "take out faults of transmission, or give wider limits in the aircraft file"
+        else "remove transmission faults, or give wider limits in the aircraft file"
     )
     return [Finding(
         (stream.name,), "unit" if many else "noise", WARNING,
@@ -60,8 +60,8 @@ def _motion(item: NamedInput, stream: Stream, inside: npt.NDArray[np.bool_]) -> 
         return []
     spread = float(np.std(values))
     if spread < item.noise:
-        size = f"stands at {values[0]:.4g}" if not np.ptp(values) else f"moves by {spread:.2g}, less than its noise"
-        return [Finding((stream.name,), "held", INFO, f"it {size}: move it, or its parameters do not show")]
+        size = f"stays at {values[0]:.4g}" if not np.ptp(values) else f"moves by {spread:.2g}, less than its noise"
+        return [Finding((stream.name,), "held", INFO, f"it {size}: move it, or its parameters cannot be found")]
     settle = ParameterOptions().settle
     if stream.interval > settle:
         return [Finding(

@@ -67,7 +67,7 @@ def _gaps(flight: Flight, stream: Stream, names: tuple[str, ...], columns: slice
         found.append(Finding(
             names, "gap", WARNING,
             f"there from {time[0]:.1f} to {time[-1]:.1f} s of the {flight.duration:.1f} s of the recording: "
-            "cut the recording to where all sensors work, or expect nothing outside",
+            "cut the recording to where all sensors work, or expect nothing outside that",
         ))  # fmt: skip
     return found
 
@@ -162,13 +162,13 @@ def _clocks(flight: Flight) -> list[Finding]:
         if abs(middle - common) > _CLOCKS:
             found.append(Finding(
                 names, "offset", WARNING,
-                f"from stamp to arrival {middle:.2f} s pass, with the other sensors {common:.2f} s: its clock is "
-                "not theirs, set them to one time",
+                f"from stamp to arrival {middle:.2f} s pass, with the other sensors {common:.2f} s: its clock is not "
+                "theirs, synchronise them",
             ))  # fmt: skip
         elif abs(drift) > max(_DRIFT, 3.0 * float(np.percentile(stream.delay, 90) - np.percentile(stream.delay, 50))):
             found.append(Finding(
                 names, "offset", WARNING,
-                f"the time from stamp to arrival drifts by {drift:.2f} s over the recording: its clock runs at another "
-                "speed than the recorder's, synchronise them",
+                f"the time from stamp to arrival drifts by {drift:.2f} s over the recording: its clock runs at a "
+                "different rate from the recorder's, synchronise them",
             ))  # fmt: skip
     return found

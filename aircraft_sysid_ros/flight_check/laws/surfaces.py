@@ -88,7 +88,7 @@ def exchanged(motion: Motion) -> list[tuple[Finding, str]]:
         place = there[j].surface
         said = (
             f"it turns the aircraft as the {place} should, and that one as this (partial correlation {row[j]:.2f}, "
-            f"about its own axis {row[i]:.2f}): they are exchanged, take this one for {place}"
+            f"about its own axis {row[i]:.2f}): they are swapped, use this one as {place}"
         )
         found.append((Finding((there[i].surface,), "sign", ERROR, said), place))
     return found

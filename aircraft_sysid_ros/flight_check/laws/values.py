@@ -62,7 +62,7 @@ def held(names: tuple[str, ...], stream: Stream, columns: slice) -> list[Finding
     return [Finding(
         names, "held", WARNING,
         f"each value is repeated {hold:.1f} times: at {stream.rate:.3g} Hz there are {stream.rate / hold:.3g} "
-        "new ones a second, and what is between is wrong; record the sensor's own samples at their own times",
+        "new ones a second, and the values between are wrong; record the sensor's own samples at their own times",
     )]  # fmt: skip
 
 
@@ -85,7 +85,7 @@ def _unusable(names: tuple[str, ...], stream: Stream) -> list[Finding]:
         return []
     return [Finding(
         names, "missing", WARNING,
-        f"{stream.unusable} of {total} samples are no numbers or say that they are invalid: find out why",
+        f"{stream.unusable} of {total} samples are not numbers or are marked invalid: find out why",
     )]  # fmt: skip
 
 
@@ -102,17 +102,18 @@ def _one(name: str, kind: Kind, stream: Stream, column: int) -> list[Finding]:
     if kind in _WHOLE and lacks >= _LACKS * len(known):
         found.append(Finding(
             (name,), "missing", WARNING,
-            f"{lacks} of {len(known)} values are no numbers, and the samples that hold them are not used: find out why",
+            f"{lacks} of {len(known)} values are not numbers, and the samples that hold them are not used: find out "
+            "why",
         ))  # fmt: skip
     if absurd > 0 and np.percentile(np.abs(values), 95) < 0.1 * LARGEST_VALUES[kind, column]:
         found.append(Finding(
             (name,), "noise", WARNING,
             f"{absurd} of {len(values)} values are beyond what any aircraft has (up to {np.abs(values).max():.3g}): "
-            "faults of transmission, which are left out",
+            "transmission faults, which are left out",
         ))  # fmt: skip
     if np.ptp(values) == 0.0:
         found.append(Finding(
-            (name,), "held", WARNING, f"it stands at {values[0]:.4g} all the time: the sensor is stuck or not connected"
+            (name,), "held", WARNING, f"it stays at {values[0]:.4g} all the time: the sensor is stuck or not connected"
         ))  # fmt: skip
         return found
     fresh = values[np.concatenate([[True], np.diff(values) != 0.0])]
@@ -127,8 +128,8 @@ def _negative(values: Array) -> list[Finding]:
         return []
     return [Finding(
         ("true_airspeed",), "sign", ERROR,
-        f"{share:.0%} of its values are below zero, down to {values.min():.3g} m/s: no airspeed is, and a component of "
-        "the velocity is what looks so; map another column",
+        f"{share:.0%} of its values are below zero, down to {values.min():.3g} m/s: an airspeed never is, but a "
+        "velocity component can be; map another column",
     )]  # fmt: skip
 
 
@@ -138,9 +139,9 @@ def _commanded(name: str, values: Array) -> list[Finding]:
     A surface that never moves by as much as a bit is not recorded, or there is none.
     """
     if name in _TURNING and np.ptp(values) == 0.0:
-        at = f"it stands at {np.degrees(values[0]):.3g}° all the time"
+        at = f"it stays at {np.degrees(values[0]):.3g}° all the time"
         if values[0] == 0.0:
-            return [Finding((name,), "held", INFO, f"{at}: what it does the flight does not show")]
+            return [Finding((name,), "held", INFO, f"{at}: the flight does not show what it does")]
         return [Finding(
             (name,), "held", WARNING,
             f"{at}: if it moved and was not recorded, what it did is in other parameters; check its record",
@@ -160,7 +161,7 @@ def _commanded(name: str, values: Array) -> list[Finding]:
 
 
 #: What a flat top means: of an input and of a sensor.
-_AT_STOP = "a command that is limited ends there, as a control at its stop does; if it is a sensor, its range does"
+_AT_STOP = "a limited command, or a control at its stop, ends there; if it is a sensor, its range does"
 _NO_RANGE = "the sensor's range ends there, leave these stretches out or choose a larger range"
 
 
@@ -180,7 +181,7 @@ def saturated(name: str, values: Array, time: Array) -> list[Finding]:
             severity, why = (INFO, _AT_STOP) if name.startswith(INPUTS) else (WARNING, _NO_RANGE)
             found.append(Finding(
                 (name,), "saturated", severity,
-                f"it stands at its {'largest' if end else 'smallest'} value, {levels[end]:.4g}, for up to {max(runs)} "
+                f"it stays at its {'largest' if end else 'smallest'} value, {levels[end]:.4g}, for up to {max(runs)} "
                 f"samples at a time ({counts[end]} in all, first at {first:.1f} s): {why}",
             ))  # fmt: skip
     return found
@@ -198,8 +199,8 @@ def _spikes(name: str, values: Array) -> list[Finding]:
         return []
     return [Finding(
         (name,), "noise", WARNING if count > max(2, _SPIKES * len(values)) else INFO,
-        f"{'a single value leaps from its' if count == 1 else f'{count} single values leap from their'} neighbours by "
-        f"up to {worst:.3g}, where such differences are {usual:.2g}: take out faults of sensor or transmission",
+        f"{'a single value jumps from its' if count == 1 else f'{count} single values jump from their'} neighbours by "
+        f"up to {worst:.3g}, where such differences are {usual:.2g}: remove sensor or transmission faults",
     )]  # fmt: skip
 
 

@@ -188,4 +188,4 @@ def findings(found: tuple[float, float] | None, vane: Vane) -> list[Finding]:
         else f". The aircraft file does not say where it is: set air_data_position: [null, {found[0]:.2f}, null] there"
     )
     place = f"{found[0]:.2f} ± {found[1]:.2f} m to the right of the centre of gravity"
-    return [Finding(MARKS[2:], *MARKS[:2], f"when the wing rolls it moves as one {place}{of_file}")]
+    return [Finding(MARKS[2:], *MARKS[:2], f"when the wing rolls it moves like one {place}{of_file}")]

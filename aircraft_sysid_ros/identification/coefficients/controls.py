@@ -134,7 +134,7 @@ class ControlHistory:
     def misread(self, time: float) -> list[str]:
         """Controls that had values at ``time`` [s] which are of another unit, in words."""
         return [
-            f"values of the {CONTROL_WORDS[CONTROL_COLUMNS[column]]} are none in {unit}"
+            f"values of the {CONTROL_WORDS[CONTROL_COLUMNS[column]]} cannot be in {unit}"
             for column, since in sorted(self._misread.items())
             if time >= since and (unit := "rad" if column < len(SURFACES) else "SI units")
         ]

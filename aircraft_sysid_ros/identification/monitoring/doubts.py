@@ -30,7 +30,7 @@ from aircraft_sysid_ros.identification.parameter_set import ParameterEstimate
 from aircraft_sysid_ros.identification.trust import Trust, is_unphysical, lack_of_fit
 
 #: How the words for C_X begin where it is in doubt for the lift.
-_OF_LIFT = "has the lift in it that CZ has: "
+_OF_LIFT = "contains the lift that CZ has: "
 #: How those begin for what p and aileron do beside C_l.
 _OF_ROLL = "rests on the roll: "
 _ROLL, _BESIDE_ROLL, _ROLLED = AXES.index("Cl"), ("CY", "Cn"), ("p", "da")
@@ -88,7 +88,7 @@ class Doubts:
             std = np.sqrt(np.diag(least_squares(self._model, axis, kept.least_squares)[0].covariance))
             found = self.agreement.disagreeing(axis, std, kept.least_squares.noise_square[part])
             for j, (now, before) in found.items():
-                words = f"the newest motion says {now:.3g}, what was before it {before:.3g}"
+                words = f"the newest motion says {now:.3g}, earlier motion {before:.3g}"
                 self._disagreeing[part.start + j] = words
         self._doubt_beside_roll()
 

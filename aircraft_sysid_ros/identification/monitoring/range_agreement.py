@@ -304,4 +304,4 @@ class RangeAgreement:
         rms = np.sqrt(np.einsum("kii->i", self._sums[axis, :size])[:n])
         j = int(np.argmax(np.abs(high - low) * rms * (self._model.constants[axis] == 0.0)))
         values = f"{terms[j]} is {low[j]:.3g}, above it {high[j]:.3g}"
-        return f"not one model of {name}: below an angle of attack of {angle:.1f}° {values}"
+        return f"no single model fits {name}: below an angle of attack of {angle:.1f}° {values}"

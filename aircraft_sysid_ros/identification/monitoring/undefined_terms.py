@@ -55,5 +55,5 @@ class UndefinedTerms:
 
 
 def _held(parameter: ParameterEstimate) -> ParameterEstimate:
-    why = "its term is no number where the flight is, and counts as zero: correct or remove it"
+    why = "its term is not a number in this flight, and counts as zero: correct or remove it"
     return replace(parameter, status=Trust.HOLD, reason=why)

@@ -154,7 +154,7 @@ def parser() -> argparse.ArgumentParser:
     add("--clock-offset", type=float, default=100.0, metavar="S", help="time since start when the flight begins")
     add("--drift", type=float, default=0.0, metavar="PPM", help="by which the autopilot's clock runs faster")
     add("--loss", type=float, default=0.0, metavar="SHARE", help="of packets, either way: 0 to 0.9")
-    add("--reboot", type=float, nargs="+", default=[], metavar="S", help="times of flight at which it starts anew")
+    add("--reboot", type=float, nargs="+", default=[], metavar="S", help="times of flight at which it restarts")
     add("--record", metavar="BAG", help="the samples themselves as a recording, to compare with")
     add("--overwrite", action="store_true", help="replace a recording that is there")
     add("--write-aircraft", metavar="FILE", help="write the aircraft file of the aeroplane there")
