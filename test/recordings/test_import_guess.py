@@ -114,7 +114,7 @@ def test_with_a_part_of_each_law_missing_the_lateral_acceleration_is_left_to_the
     without = ("vn_mps", "ve_mps", "beta_rad")
     line = lines_with(flight, tmp_path, {"ay_mps2": sign}, without)["ay_mps2"]
     assert not line.active
-    assert line.evidence.startswith("which way is positive cannot be told")
+    assert line.evidence.startswith("the positive direction cannot be found")
 
 
 @pytest.mark.parametrize("late", [0.05, 0.1, 0.2])
@@ -218,6 +218,23 @@ def test_what_is_said_of_each_line_is_in_the_map_and_the_map_is_read_again(flown
     imu = read_recording(tmp_path / "bag").samples
     imu = imu[imu.kind == Kind.IMU]
     np.testing.assert_allclose(imu.values[:, :3], flown.force, atol=1e-8)
+
+
+@pytest.mark.parametrize(
+    ("taken", "column"), [(0.0, "timestamp"), (None, "timestamp"), (119_000.0, "timestamp_sample")]
+)
+def test_a_time_of_sampling_that_px4_does_not_fill_in_is_not_the_time(taken, column, tmp_path):
+    """It was: of a GPS whose driver leaves it at 0 one fix was left."""
+    time = 50_000_000 + 200_000 * np.arange(50)
+    sampled = np.full(50, np.nan) if taken is None else np.where(taken, time - taken, 0)
+    layouts.write_rows(
+        tmp_path / "log_sensor_gps_0.csv",
+        ["timestamp", "timestamp_sample", "latitude_deg"],
+        [time, sampled, 44.5 + 1e-5 * np.arange(50)],
+    )
+    layouts.write_rows(tmp_path / "log_airspeed_0.csv", ["timestamp", "true_airspeed_m_s"], [time, np.full(50, 17.0)])
+    times = {part.file: part.time.column for part in guess_map(tmp_path).parts}
+    assert times == {"log_sensor_gps_0.csv": column, "log_airspeed_0.csv": "timestamp"}
 
 
 @pytest.mark.long

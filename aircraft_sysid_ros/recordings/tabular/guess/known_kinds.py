@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from aircraft_sysid_ros.mavlink.px4_table import TIMES
 from aircraft_sysid_ros.mavlink.servo_mapping import ServoMapping
 from aircraft_sysid_ros.recordings.tabular.guess.known_line import KnownLine
 from aircraft_sysid_ros.recordings.tabular.guess.quaternions import euler_expressions
@@ -197,7 +198,7 @@ def _of_paparazzi(messages: dict[str, MessageTable], known: dict[str, list[Known
             replace(line, time=_TOW, time_unit="ms", time_offset=offset, kind=told) for line in found["GPS"]
         ]
     if "ATTITUDE" in found and not _has_magnetometer(messages):
-        doubt = "without a magnetometer its yaw follows the course over ground, which in wind is no heading"
+        doubt = "without a magnetometer its yaw follows the course over ground, which in wind is not the heading"
         found["ATTITUDE"] = [replace(line, doubt=doubt) for line in found["ATTITUDE"]]
     return found
 
@@ -232,10 +233,11 @@ def _chosen(
         for table in tables:
             if not re.search(pattern.format(re.escape(topic)), table.name):
                 continue
+            timed = _time(table, kind)
             here = {line.signal: line for line in reversed(lines) if _has(table, line) and line.signal not in taken}
             taken |= here.keys()
             ordered = [line for line in lines if here.get(line.signal) is line]
-            found.setdefault(table.name, []).extend(_timed(table, line, kind) for line in ordered)
+            found.setdefault(table.name, []).extend(_timed(line, kind, *timed) for line in ordered)
     return found
 
 
@@ -250,11 +252,27 @@ def _has(table: Table, line: KnownLine) -> bool:
     )
 
 
-def _timed(table: Table, line: KnownLine, kind: str) -> KnownLine:
-    time, unit = "time", "s"
+def _time(table: Table, kind: str) -> tuple[str, str]:
+    """The time column of a table and its unit."""
     if kind == _ULOG:
-        time, unit = ("timestamp_sample" if "timestamp_sample" in table.columns else "timestamp"), "us"
-    elif kind == _ROSTOPIC:
-        time, unit = ("field.header.stamp" if "field.header.stamp" in table.columns else "%time"), "ns"
+        return (TIMES[0] if _is_filled_in(table) else TIMES[1]), "us"
+    if kind == _ROSTOPIC:
+        return ("field.header.stamp" if "field.header.stamp" in table.columns else "%time"), "ns"
+    return "time", "s"
+
+
+def _is_filled_in(table: Table) -> bool:
+    """Whether PX4 says when samples were taken: just before their messages; some drivers leave it at 0."""
+    if TIMES[0] not in table.columns:
+        return False
+    piece = next(table.read(TIMES, _ROWS), None)
+    if piece is None:
+        return False
+    taken, published = (numbers(piece[column])[0] for column in TIMES)
+    delay = 1e-3 * (published - taken)[np.isfinite(taken)]
+    return len(delay) > 0 and bool(np.all((delay >= 0.0) & (delay < _LONGEST_DELAY)))
+
+
+def _timed(line: KnownLine, kind: str, time: str, unit: str) -> KnownLine:
     why = f"{kind}: {line.why}" if line.why else kind
     return replace(line, kind=kind, time=time, time_unit=unit, is_unix=kind == _ROSTOPIC, why=why)
