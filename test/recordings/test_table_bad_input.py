@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 
 import numpy as np
 import openpyxl
@@ -48,10 +49,10 @@ BAD_TABLES = [
     (table(*ROWS[:30], *ROWS[20:]), "goes back by 0.18 s at data row 31"),
     (table(), "one line and no data"),
     ("", "is empty"),
-    ("\0\1\2" * 400, "is named as a text, and holds what none has; write it again"),
-    (table(*ROWS).encode("utf-16-le").decode("latin-1"), "is named as a text, and holds what none has; write it again"),
+    ("\0\1\2" * 400, "is named as a text file, but holds no text; write it again"),
+    (table(*ROWS).encode("utf-16-le").decode("latin-1"), "is named as a text file, but holds no text; write it again"),
     ("one,two\nthree,four\n", "holds no table"),
-    (table(*(row.replace(",", ":00:00,", 1) for row in ROWS)), "for times that are texts write iso or irig"),
+    (table(*(row.replace(",", ":00:00,", 1) for row in ROWS)), "for times as text write iso or irig"),
     (table(*(f"1{i:018d}000,1,1" for i in range(9))), "check its unit"),
     (table(*(f"{i},," for i in range(9))), "no values of the mapped columns"),
 ]
@@ -117,11 +118,15 @@ BAD_MAPS = [
     ("specific_force.z", "specific_force.w", "line 5: unknown signal 'specific_force.w': did you mean"),
     ("specific_force.z", "inputs.sin", "line 5: 'inputs.sin' has a name that terms of a model use otherwise"),
     ("specific_force.z", "inputs.V", "line 5: 'inputs.V' has a name that terms of a model use otherwise"),
-    ("specific_force.z", "inputs.höhe", "line 5: 'inputs.höhe' is no name of an input: write letters, digits and _"),
+    (
+        "specific_force.z",
+        "inputs.höhe",
+        "line 5: 'inputs.höhe' is not a name for an input: write letters, digits and _",
+    ),
     ("unit: g", "unit: deg", "line 5: specific_force.z: the unit 'deg' does not fit: this is in m/s^2, or g, ft/s^2"),
-    ("unit: g", "unit: gg", "line 5: specific_force.z: 'gg' is no unit"),
+    ("unit: g", "unit: gg", "line 5: specific_force.z: 'gg' is not a unit"),
     ("unit: deg/s", "unit: Hz", "line 4: angular_velocity.x: the unit 'Hz' does not fit"),
-    ("unit: deg/s", "unit: 9**9**9**9", "is no unit"),
+    ("unit: deg/s", "unit: 9**9**9**9", "is not a unit"),
     ("sign: -1", "sign: 0.5", "must be 1 or -1"),
     ("sign: -1", "sing: -1", "line 5: unknown key 'sing' of specific_force.z: did you mean 'sign'?"),
     ("specific_force.z", "angular_velocity.x", "is there twice, first in line 4"),
@@ -194,7 +199,7 @@ def test_what_is_no_measurement_is_left_out_and_counted(tmp_path, capsys):
     ]
     assert main(arguments) == 0
     said = capsys.readouterr().out
-    assert "flight.csv: 1 cell is no number and left out" in said
+    assert "flight.csv: 1 cell is not a number and left out" in said
     assert "flight.csv: 1 row without a time left out" in said
     assert "flight.csv: 1 row with the time of the row before left out" in said
     assert "imu/data: without specific_force.x, specific_force.y" in said  # never silently
@@ -221,7 +226,7 @@ def test_a_table_without_a_map_is_told_the_way(tmp_path, capsys):
     way = f"tables need --map MAP.yaml, which `aircraft-sysid import {tmp_path / 'flight.csv'} --guess MAP.yaml` begins"
     assert way in capsys.readouterr().err
     assert main(["import", str(tmp_path / "flight.csv")]) == 2
-    assert "say with --out" in capsys.readouterr().err
+    assert "give with --out" in capsys.readouterr().err
 
 
 def imported_notes(tmp_path, capsys, content):
@@ -232,6 +237,19 @@ def imported_notes(tmp_path, capsys, content):
     assert main([*command, str(tmp_path / "bag"), "--json"]) == 0
     notes = json.loads(capsys.readouterr().out)["notes"]
     return notes, len(read_table(tmp_path / "bag", "imu/data").stamp)
+
+
+def test_one_bad_cell_takes_no_others_also_with_decimal_commas(tmp_path, capsys):
+    """It took its column, of which pandas made texts; in that of the time it ended the import."""
+    rows = [row.replace(",", ";").replace(".", ",") for row in ROWS]
+    rows[29] = "0,58;ERR;-1,02"
+    notes, count = imported_notes(tmp_path, capsys, table(*rows, header="Time;P;Nz").encode())
+    assert "flight.csv: 1 cell is not a number and left out" in notes and count == 59
+    rates = read_table(tmp_path / "bag", "imu/data").fields["angular_velocity"][:, 0]
+    np.testing.assert_allclose(np.degrees(rates), [i % 7 + 0.5 for i in range(60) if i != 29])
+    shutil.rmtree(tmp_path / "bag")
+    (tmp_path / "flight.csv").write_text(table(*rows[:40], "late;1,5;-1,0", header="Time;P;Nz"))
+    assert "holds 'late', which is not a number" in refused(tmp_path, capsys)
 
 
 def test_rows_with_cells_too_many_are_said(tmp_path, capsys):

@@ -53,13 +53,7 @@ def text_layout(lines: Sequence[str], name: str) -> TextLayout:
     for separator, separator_name in _SEPARATORS:
         split = splitter(separator)
         decimal = "," if separator != "," and _has_decimal_commas([split(line) for line in lines]) else "."
-        rows = [
-            [
-                cell.replace(",", ".") if decimal == "," and _DECIMAL_COMMA.fullmatch(cell) else cell
-                for cell in split(line)
-            ]
-            for line in lines
-        ]
+        rows = [[with_point(cell) if decimal == "," else cell for cell in split(line)] for line in lines]
         header = find_header(rows, prose=len(separator) > 1)
         if header is None or len(header.names) < 2:
             continue
@@ -77,6 +71,11 @@ def text_layout(lines: Sequence[str], name: str) -> TextLayout:
     raise InputError(
         f"{name} holds no table: no rows of at least two numbers, with the same separator, follow one another"
     )
+
+
+def with_point(cell: str) -> str:
+    """A number with a decimal comma as one with a point; any other text as it is."""
+    return cell.replace(",", ".") if _DECIMAL_COMMA.fullmatch(cell.strip()) else cell
 
 
 def find_header(rows: Sequence[Sequence[str]], *, prose: bool = False) -> Header | None:

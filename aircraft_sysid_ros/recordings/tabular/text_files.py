@@ -15,7 +15,14 @@ import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.errors import InputError
-from aircraft_sysid_ros.recordings.tabular.header import PROSE, TextLayout, listed_names, splitter, text_layout
+from aircraft_sysid_ros.recordings.tabular.header import (
+    PROSE,
+    TextLayout,
+    listed_names,
+    splitter,
+    text_layout,
+    with_point,
+)
 from aircraft_sysid_ros.recordings.tabular.table import EMPTY, Table, imported
 
 _HEAD = 1 << 18  # bytes that show the layout
@@ -75,7 +82,7 @@ class TextTable(Table):
         return [
             *found,
             f"{many} more cells than the table has columns, {which} {rows[0]}: the cells beyond are left out, "
-            "and where a separator too many stands before them the row is wrong",
+            "and where an extra separator comes before them the row is wrong",
         ]
 
     @cached_property  # each reading of columns asks
@@ -135,7 +142,7 @@ class TextTable(Table):
             with reader:
                 for frame, after in itertools.pairwise(itertools.chain(reader, [None])):
                     whole = frame.iloc[:-1] if after is None and self._breaks_off else frame
-                    yield [_without_zero_bytes(whole[i].to_numpy()) for i in positions]
+                    yield [_cleaned(whole[i].to_numpy(), layout.decimal) for i in positions]
         except (ValueError, OSError, EOFError) as error:  # ParserError is a ValueError
             raise InputError(f"{self.name} cannot be read: {error}") from None
 
@@ -197,11 +204,14 @@ def _is_binary(text: str) -> bool:
     return blocks > 1 + text.count("\n") // 10 or (blocks > 0 and _CONTROL.search(text) is not None)
 
 
-def _without_zero_bytes(values: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    """A column (n,): a text that was nothing else is empty."""
+def _cleaned(values: npt.NDArray[Any], decimal: str) -> npt.NDArray[Any]:
+    """A column (n,) whose texts have no zero bytes, and decimal points: one cell that is no number makes all texts."""
     if values.dtype.kind not in "OTU":
         return values
-    return np.array([v.replace("\0", "") if isinstance(v, str) else v for v in values], dtype=object)
+    texts = [v.replace("\0", "") if isinstance(v, str) else v for v in values]
+    if decimal == ",":
+        texts = [with_point(v) if isinstance(v, str) else v for v in texts]
+    return np.array(texts, dtype=object)
 
 
 def _opened(path: Path, encoding: str = "utf-8") -> IO[str]:
@@ -232,5 +242,5 @@ def _head(path: Path) -> tuple[str, list[str]]:
             break
         return encoding, lines if whole else lines[:-1]
     named = path.name.lower().removesuffix(".gz").rpartition(".")[2] in _OF_TEXTS
-    what = "is damaged: it is named as a text, and holds what none has; write it again, or" if named else "is no text:"
+    what = "is damaged: it is named as a text file, but holds no text; write it again, or" if named else "is not text:"
     raise InputError(f"{path} {what} give it the ending of its format, such as .parquet, .h5, .mat or .xlsx")
