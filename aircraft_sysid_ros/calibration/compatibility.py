@@ -54,6 +54,7 @@ from aircraft_sysid_ros.estimation.two_stage.conditions import Conditions
 from aircraft_sysid_ros.estimation.two_stage.problem import Problem
 from aircraft_sysid_ros.estimation.two_stage.residual_sampling import Progress
 from aircraft_sysid_ros.estimation.two_stage.sampling import Prior
+from aircraft_sysid_ros.reconstruction.filter_setup import sensor_delays
 from aircraft_sysid_ros.samples import Kind, Samples
 
 Array = npt.NDArray[np.float64]
@@ -235,7 +236,7 @@ def compatibility_flight(
                              (Kind.SIDESLIP, "sideslip"))
     ]  # fmt: skip
     attitude_time, angles = _attitude(samples, aircraft, whole)
-    imu_time, imu = series(samples, Kind.IMU, whole.epoch, 6)
+    imu_time, imu = series(samples, Kind.IMU, whole.epoch, 6, float(sensor_delays(aircraft)[Kind.IMU]))
     grid = common_grid(whole.time, imu_time, least=max(_STEP, slowest(*(time for time, _ in air), attitude_time)))
     navigation = whole.at(grid, imu_time)
     shown = [_shown(grid, imu_time, time, values) for time, values in air]

@@ -27,6 +27,7 @@ from aircraft_sysid_ros.estimation.two_stage.problem import Problem
 from aircraft_sysid_ros.estimation.two_stage.residual_sampling import Progress, candidates, sample_residuals
 from aircraft_sysid_ros.estimation.two_stage.sampling import Prior
 from aircraft_sysid_ros.reconstruction.air_data_errors import UNKNOWN_STD, StartValues
+from aircraft_sysid_ros.reconstruction.drift import Drift
 from aircraft_sysid_ros.samples import Kind, Samples
 from aircraft_sysid_ros.stamps import NANOSECONDS
 
@@ -148,12 +149,13 @@ def _takeoff(samples: Samples, aircraft: Aircraft) -> int:
 
 def _batch(samples: Samples, aircraft: Aircraft) -> tuple[ProbeData, Grid, Navigation]:
     """(40) with V, alpha and beta as shown in the place of what pressures say."""
-    whole = navigate(samples, aircraft)
+    whole, drift = navigate(samples, aircraft), Drift(aircraft)
+    drift.since = float(whole.time[0])
     shown = []
     for kind, name in _SENSORS.items():
         sensor = aircraft.sensors[name]
         time, values = series(samples, kind, whole.epoch, 1, sensor.delay)
-        shown.append((time, values / sensor.scale))
+        shown.append((time, drift.without(time, np.full(len(time), kind), values / sensor.scale)))
     grid = common_grid(whole.time, *(time for time, _ in shown))
     navigation = whole.at(grid, shown[0][0])
     speed, alpha, beta = (grid.means(time, values)[:, 0] for time, values in shown)

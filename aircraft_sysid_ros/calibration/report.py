@@ -295,12 +295,19 @@ def _place_note(aircraft: Aircraft) -> list[str]:
 
 
 def _check_scales(aircraft: Aircraft) -> None:
-    """A scale of the aircraft file is applied to what a calibration has corrected: it must not be found twice."""
+    """An error of the aircraft file is taken off what a calibration has corrected: it must not be found twice."""
     for name in ("airspeed", "angle_of_attack", "sideslip"):
-        scale = aircraft.sensors[name].scale
-        if scale != 1.0:
-            raise InputError(f"the aircraft file has a scale of {scale:g} for {name}, which would come on top of this "
-                             "calibration: take it out of the file")  # fmt: skip
+        sensor = aircraft.sensors[name]
+        for words, value, none in (
+            ("a scale", sensor.scale, 1.0),
+            ("an offset", sensor.offset, 0.0),
+            ("a drift", sensor.drift, 0.0),
+        ):
+            if value != none:
+                raise InputError(
+                    f"the aircraft file has {words} of {value:g} for {name}, which would come on top of this "
+                    "calibration: take it out of the file"
+                )
 
 
 def _stds(parameters: list[dict[str, Any]], names: tuple[str, ...]) -> dict[str, float | None]:

@@ -11,6 +11,7 @@ from aircraft_sysid_ros.calibration.calibration_file import AIR_DATA_ERRORS
 from aircraft_sysid_ros.calibration.compatibility import NAMES1, NAMES2, compatibility_flight
 from aircraft_sysid_ros.calibration.procedure import Answer
 from aircraft_sysid_ros.calibration.report import _at_bounds, calibrate_compatibility
+from aircraft_sysid_ros.effects.effect import with_setting
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.estimation.two_stage.decision import Decision
 from aircraft_sysid_ros.estimation.two_stage.residual_sampling import ResidualSamples
@@ -151,3 +152,15 @@ def test_what_is_at_its_bound_is_no_answer_and_what_is_beside_it_neither(made):
     assert set(left.refused) == {"lambda_beta", "b_beta"}
     assert left.refused["lambda_beta"].startswith("at its bound") and left.refused["b_beta"].startswith("beside")
     assert left.values["lambda_beta"] == left.values["b_beta"] == 0.0 and left.values["b_p"] == bound.values["b_p"]
+
+
+def test_an_imu_that_is_late_stands_beside_the_air_data(made, calibration_flown):
+    """With a file that says how late it is, specific force and rates are those of an IMU that is not."""
+    samples, file = calibration_flown.samples, calibration_flown.aircraft
+    late = samples.stamp + np.where(samples.kind == Kind.IMU, 50_000_000, 0)
+    file = with_setting(file, ("sensors", "imu", "delay"), 0.05)
+    order = np.argsort(late, kind="stable")
+    found = compatibility_flight(replace(samples, stamp=late)[order], file, (5.0, 105.0))
+    inside = slice(10, -10)  # of the borders of bins
+    rate = np.column_stack([np.interp(made.data.time, found.data.time, column) for column in found.data.rate.T])
+    np.testing.assert_allclose(rate[inside], made.data.rate[inside], atol=1e-6)

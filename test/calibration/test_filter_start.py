@@ -1,11 +1,14 @@
 """What the filter may start with: calibrations, and stage 1 on a part of the flight."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from aircraft_sysid_ros.calibration import compatibility
 from aircraft_sysid_ros.calibration.calibration_file import AIR_DATA_ERRORS, calibration_from_dict
-from aircraft_sysid_ros.calibration.filter_start import start_by_stage_1, start_of_calibration
+from aircraft_sysid_ros.calibration.filter_start import _batch, start_by_stage_1, start_of_calibration
+from aircraft_sysid_ros.effects.effect import with_setting
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.reconstruction.air_data_errors import UNKNOWN_STD
 from aircraft_sysid_ros.samples import Kind
@@ -97,3 +100,19 @@ def _fast(aircraft):
     from aircraft_sysid_ros.aircraft.configuration import aircraft_from_dict
 
     return aircraft_from_dict({**aircraft.source, "minimum_airspeed": 90.0})
+
+
+def test_stage_1_begins_with_what_the_file_leaves_of_the_errors(calibration_flown):
+    """An offset and a drift that the aircraft file states are no error that is left to find."""
+    flown, file = calibration_flown, calibration_flown.aircraft
+    samples, values = flown.samples, flown.samples.values.copy()
+    right = _batch(samples, file)[0]
+    vane, speed = samples.kind == Kind.ANGLE_OF_ATTACK, samples.kind == Kind.AIRSPEED
+    values[vane, 0] = 0.9 * (values[vane, 0] + 0.02)
+    values[speed, 0] *= 1.1
+    stated = {("angle_of_attack", "scale"): 0.9, ("angle_of_attack", "offset"): 0.02, ("airspeed", "scale"): 1.1}
+    for key, value in stated.items():
+        file = with_setting(file, ("sensors", *key), value)
+    found = _batch(replace(samples, values=values), file)[0]
+    for name in ("alpha_ratio", "indicated"):
+        np.testing.assert_allclose(getattr(found, name), getattr(right, name), rtol=1e-9, atol=1e-12)

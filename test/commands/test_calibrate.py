@@ -117,9 +117,11 @@ def test_bad_input_is_one_sentence(bag, tmp_path, capsys):
     assert "for the five-hole probe" in says(capsys, "magnetometer", bag, "--curve", "cubic")
     assert "not a folder that can be written" in says(capsys, *probe, "--out", tmp_path / "file" / "sub")
     scaled = yaml.safe_load(config_path(CALIBRATION_AIRCRAFT).read_text())
-    scaled.setdefault("sensors", {})["airspeed"] = {"noise": 0.3, "scale": 1.1}
-    (tmp_path / "scaled.yaml").write_text(yaml.safe_dump(scaled))
-    assert "on top of this calibration" in says(capsys, "five-hole", bag, "--aircraft", tmp_path / "scaled.yaml")
+    for sensor, key in (("airspeed", "scale"), ("angle_of_attack", "offset"), ("sideslip", "drift")):
+        content = {**scaled, "sensors": {**scaled.get("sensors", {}), sensor: {"noise": 0.3, key: 0.9}}}
+        (tmp_path / "scaled.yaml").write_text(yaml.safe_dump(content))
+        said = says(capsys, "five-hole", bag, "--aircraft", tmp_path / "scaled.yaml")
+        assert f"{key} of 0.9 for {sensor}, which would come on top of this calibration" in said
     assert "choose from" in _usage(capsys, "gyro", bag)
 
 
