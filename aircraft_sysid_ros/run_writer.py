@@ -27,7 +27,7 @@ import yaml
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
-from aircraft_sysid_ros.aircraft.postfix import evaluate_rows
+from aircraft_sysid_ros.aircraft.postfix import evaluate_term_rows
 from aircraft_sysid_ros.aircraft.term_values import with_lags
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.flight_journal import FlightJournal, ObjectsOnDisk, RowsOnDisk
@@ -249,7 +249,7 @@ class RunWriter:
                 signals = np.ascontiguousarray(points[:, CoefficientSample.SIGNALS])
                 step = parameters.options.step
                 signals = with_lags(model.lags, points[:, CoefficientSample.TIME], signals, 1.5 * step)
-                evaluate_rows(*model.linked, signals, terms)
+                evaluate_term_rows(*model.linked, signals, terms)
         response, of_terms = parameters.learning.noise_of(points)
         np.savez(
             path,

@@ -179,3 +179,19 @@ def evaluate_rows(
             evaluate_program(code, offsets[k], offsets[k + 1], part, stack)
             for n in range(len(part)):
                 out[begin + n, k] = stack[0, n]
+
+
+@njit(cache=True)
+def evaluate_term_rows(
+    code: npt.NDArray[np.float64],
+    offsets: npt.NDArray[np.int64],
+    rows: npt.NDArray[np.float64],
+    out: npt.NDArray[np.float64],
+) -> None:
+    """``evaluate_terms`` on signal rows, shape (n, SIGNAL_COUNT), into ``out`` (n, len(offsets) - 1)."""
+    evaluate_rows(code, offsets, rows, out)
+    for i in range(len(rows)):
+        for k in range(len(offsets) - 1):
+            if not np.isfinite(out[i, k]) and is_undefined(out[i, k], code, offsets[k], offsets[k + 1], rows[i]):
+                out[i, k] = 0.0
+

@@ -30,7 +30,7 @@ import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, AerodynamicModel
 from aircraft_sysid_ros.aircraft.configuration import Aircraft, aircraft_from_dict
-from aircraft_sysid_ros.aircraft.postfix import evaluate_programs, evaluate_rows
+from aircraft_sysid_ros.aircraft.postfix import evaluate_programs, evaluate_term_rows
 from aircraft_sysid_ros.aircraft.signals import SIGNAL_COUNT
 from aircraft_sysid_ros.aircraft.term_values import link, with_lags
 from aircraft_sysid_ros.errors import InputError
@@ -162,7 +162,7 @@ def _weighted(estimator: Identifier, model: AerodynamicModel, axis: int, past: R
     time, signals = past.time[used], past.signals[used]
     code, offsets = link(model.programs[axis], model.lags)
     x = np.empty((len(time), len(offsets) - 1))
-    evaluate_rows(code, offsets, signals, x)
+    evaluate_term_rows(code, offsets, signals, x)
     known = np.isfinite(x).all(axis=1)
     weight = np.ones(len(time))
     if axis < 3:
@@ -325,7 +325,7 @@ def _follow_new_terms(
     part = slice(int(model.offsets[axis]) + n, int(model.offsets[axis + 1]))
     since = past.time > np.max(past.time, initial=0.0) - _MOTION_TIME
     values = np.empty((int(since.sum()), len(programs)))
-    evaluate_rows(code, offsets, past.signals[since], values)
+    evaluate_term_rows(code, offsets, past.signals[since], values)
     weight = (
         estimator.learning.least_squares.tuning.motion_weight
         * (1.0 - estimator.learning.least_squares.tuning.motion_weight) ** np.arange(len(values))[::-1]

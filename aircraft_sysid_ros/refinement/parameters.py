@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, AerodynamicModel
-from aircraft_sysid_ros.aircraft.postfix import evaluate_rows
+from aircraft_sysid_ros.aircraft.postfix import evaluate_term_rows
 from aircraft_sysid_ros.flight_model.layout import (
     BIAS_NAMES,
     FORCE,
@@ -51,7 +51,7 @@ def scales_of(model: AerodynamicModel, record: FlightRecord, theta: Array) -> Sc
     """Scales over the flight; theta gives the spread of the coefficients by the model's own terms."""
     signals = record.signals()[record.in_flight]
     terms = np.empty((len(signals), len(model.parameter_names)))
-    evaluate_rows(*model.linked, signals, terms)
+    evaluate_term_rows(*model.linked, signals, terms)
     spread = np.empty(terms.shape[1])
     for axis in AXES:
         part = model.axis_slice(axis)

@@ -26,7 +26,7 @@ from aircraft_sysid_ros.aircraft.frames import (
 )
 from aircraft_sysid_ros.aircraft.signals import MOST_INPUTS, SIGNAL_COUNT
 from aircraft_sysid_ros.errors import InputError
-from aircraft_sysid_ros.flight_model.dynamics import fill_model_signals
+from aircraft_sysid_ros.flight_model.dynamics import fill_flow_rates, fill_model_signals
 from aircraft_sysid_ros.flight_model.layout import (
     AIRSPEED,
     ALPHA,
@@ -100,6 +100,10 @@ class FlightRecord:
         for k, x in enumerate(self.states):
             u = rotation_matrix(x[ATTITUDE]).T @ (x[0:3] - x[13:16])
             fill_model_signals(u, x[10:13], self.inputs[k], self.model.geometry, out[k])
+            force = self.outputs[k, FORCE : FORCE + 3]
+            if self.model.has_flow_rates and np.isfinite(force).all():
+                fall = self.model.gravity * rotation_matrix(x[ATTITUDE])[2]
+                fill_flow_rates(u, x[10:13], force, fall, self.model.geometry, out[k])
         return out
 
 

@@ -8,6 +8,7 @@ import pytest
 from aircraft_sysid_ros.estimation.window_average import window_average
 from aircraft_sysid_ros.identification.coefficients.flow_angles import ANGLES, STD, VANE_STD, VANES, share_in_window
 from aircraft_sysid_ros.identification.coefficients.layout import CoefficientSample
+from aircraft_sysid_ros.identification.coefficients.signals import flow_angle_rates
 from aircraft_sysid_ros.identification.estimators.vane_noise import LARGEST_SHARE, compensation
 from aircraft_sysid_ros.identification.identifier import Identifier
 from aircraft_sysid_ros.identification.options import ParameterOptions
@@ -171,3 +172,15 @@ def test_a_correction_has_its_limit_and_its_error():
     assert put_right.widened(np.zeros((2, 2)), theta)[1, 1] > 0.0
     unknown = np.array([1.0, np.nan])
     assert put_right.freed(unknown)[0] == 1.0 and np.isnan(put_right.freed(unknown)[1])
+
+
+def test_an_angle_that_nobody_knows_takes_nothing_from_the_rate_of_the_other(aircraft):
+    """A vane for one angle, in gusts: the kinematics of that one stand on the air velocity, which is always there."""
+    rows = Gusts(aircraft, "none").rows
+    row = rows[len(rows) // 2].copy()
+    alpha_dot, beta_dot = flow_angle_rates(row, 9.8)
+    for column, known, place in ((StateField.SIDESLIP, alpha_dot, 0), (StateField.ANGLE_OF_ATTACK, beta_dot, 1)):
+        without = row.copy()
+        without[column] = np.nan
+        rates = flow_angle_rates(without, 9.8)
+        assert rates[place] == pytest.approx(known, rel=1e-12) and np.isnan(rates[1 - place])

@@ -83,3 +83,18 @@ def test_a_model_that_gets_it_in_flight_learns_it_from_the_past(lagging, inputs)
 def test_maximum_likelihood_refuses_it_in_one_sentence(lagging):
     with pytest.raises(InputError, match="stay with least squares"):
         Identifier(user(lagging), ParameterOptions(estimator="rml"))
+
+
+def test_a_lag_in_one_axis_changes_nothing_of_an_undefined_term_in_another(lagging):
+    """The root of an angle that is negative says nothing, and its axis learns on: with a lag in C_Z as without."""
+    rows, controls = perfect_inputs(lagging)
+    root = {"Cm": ("sqrt(alpha-0.03)",)}
+    plain, late = (
+        learn(with_terms(lagging.aircraft, terms, {}), rows[:3000], controls)[0]
+        for terms in (root, {**root, "CZ": (LAGGED,)})
+    )
+    axis = 4
+    assert plain.learning.least_squares.state.updates[axis] > 100
+    np.testing.assert_array_equal(
+        late.learning.least_squares.state.updates[axis], plain.learning.least_squares.state.updates[axis]
+    )

@@ -6,9 +6,11 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from aircraft_sysid_ros.aircraft.signals import SIGNAL_INDEX
 from aircraft_sysid_ros.effects.effect import with_setting
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.flight_model.layout import CONTROL_COUNT, CONTROLS, INPUT_SIZE
+from aircraft_sysid_ros.identification.model_change import with_terms
 from aircraft_sysid_ros.refinement.record import record_of
 from aircraft_sysid_ros.refinement.resampling import cubic
 from aircraft_sysid_ros.refinement.segments import Segment, segments_of
@@ -146,3 +148,15 @@ def test_stated_errors_of_the_air_data_are_taken_off(still_flight):
     found = record_of(aircraft, replace(samples, values=values), 50.0)
     np.testing.assert_allclose(found.outputs, right.outputs, rtol=1e-4, atol=2e-5)
     assert since == found.time[0]
+
+
+def test_signals_of_the_reference_motion_have_the_rates_of_the_flow_angles(still_flight):
+    """What a term in alpha_dot does is known before the fit: its steps were a thousand million times too large."""
+    begin = still_flight.samples.stamp[0]
+    samples = still_flight.samples[still_flight.samples.stamp < begin + 12 * 10**9]
+    record = record_of(with_terms(still_flight.aircraft, {"Cm": ("alpha_dot",)}, {}), samples, 50.0)
+    signals, inside = record.signals(), slice(50, -50)
+    chord = still_flight.aircraft.chord
+    rate = np.gradient(signals[:, SIGNAL_INDEX["alpha"]], record.time) * chord / signals[:, SIGNAL_INDEX["V"]]
+    found = signals[inside, SIGNAL_INDEX["alpha_dot"]]
+    assert np.sqrt(np.mean((found - rate[inside]) ** 2)) < 0.3 * np.std(rate[inside])

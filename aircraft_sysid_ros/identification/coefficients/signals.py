@@ -40,9 +40,14 @@ def flow_angle_rates(row: Array, gravity: float) -> tuple[float, float]:
     """Time derivatives of alpha and beta [rad/s] from kinematics (6.16)-(6.18), without differentiation.
 
     ``row`` is a row of StateField. Exact for steady wind; specific force at the IMU, whose lever arm is neglected
-    here.
+    here. An angle that the row does not know has no rate; that of the other then has it from the air velocity.
     """
     alpha, beta, speed = row[48], row[49], row[47]
+    known_alpha, known_beta = np.isfinite(alpha), np.isfinite(beta)
+    if not known_alpha:
+        alpha = np.arctan2(row[3], row[1])
+    if not known_beta:
+        beta = np.arctan2(row[2], np.sqrt(row[1] ** 2 + row[3] ** 2))
     c = rotation_matrix(row[10:14])
     ax = row[41] + gravity * c[2, 0]
     ay = row[42] + gravity * c[2, 1]
@@ -51,7 +56,7 @@ def flow_angle_rates(row: Array, gravity: float) -> tuple[float, float]:
     sa, ca, sb, cb = np.sin(alpha), np.cos(alpha), np.sin(beta), np.cos(beta)
     alpha_dot = q - np.tan(beta) * (p * ca + r * sa) + (az * ca - ax * sa) / (speed * cb)
     beta_dot = p * sa - r * ca + (ay * cb - ax * ca * sb - az * sa * sb) / speed
-    return alpha_dot, beta_dot
+    return alpha_dot if known_alpha else np.nan, beta_dot if known_beta else np.nan
 
 
 @njit(cache=True)

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
-from aircraft_sysid_ros.aircraft.postfix import evaluate_rows
+from aircraft_sysid_ros.aircraft.postfix import evaluate_term_rows
 from aircraft_sysid_ros.aircraft.term_values import Memory, link
 from aircraft_sysid_ros.identification.coefficients.body import force_noise
 from aircraft_sysid_ros.identification.coefficients.controls import MOST_EARLY, ControlHistory
@@ -95,7 +95,7 @@ class CoefficientStream:
             history[:, SIGNAL:NOISE] = signals
             fill_lag_noise(*self._lag_code, history)
         terms = np.empty((len(history), self._width - TERM))
-        evaluate_rows(*self._code, signals, terms)
+        evaluate_term_rows(*self._code, signals, terms)
         history[:, TERM:] = terms * history[:, QBAR : QBAR + 1]
 
     def _restart(self) -> None:
