@@ -58,8 +58,8 @@ def balance_of(name: str, folder: Path, widest: float) -> ForceBalance:
 
 
 def times_in(flight: ForceBalance, found: dict[str, Any]) -> dict[str, float]:
-    """When what was found begins and ends [s from the first sample of the log]."""
-    return {name: (stamp - flight.recorded_from) * 1e-9 for name, stamp in found["stamps"].items()}
+    """When what was found begins and ends, as the times of ``flight`` count [s]."""
+    return {name: (stamp - flight.begin) * 1e-9 for name, stamp in found["stamps"].items()}
 
 
 def draw(said: dict[str, dict[str, Any]], folder: Path, figures: Path) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import json
+import re
 import sys
 import time
 from dataclasses import replace
@@ -14,10 +15,15 @@ import numpy as np
 import pytest
 from scipy.linalg import solve_toeplitz
 
+from aircraft_sysid_ros.aircraft.expression import parse_expression
+from aircraft_sysid_ros.aircraft.signals import SIGNAL_COUNT, SIGNAL_INDEX
+from aircraft_sysid_ros.aircraft.term_values import evaluate_signals
+from aircraft_sysid_ros.diagnosis import flight_answer
 from aircraft_sysid_ros.diagnosis.failures import failures as found_failures
 from aircraft_sysid_ros.diagnosis.failures.axis_relation import AxisRelation, whitened, with_power
 from aircraft_sysid_ros.diagnosis.failures.coloured_fit import coloured_fit
 from aircraft_sysid_ros.diagnosis.failures.episode import Times
+from aircraft_sysid_ros.diagnosis.failures.failure import FailureReport
 from aircraft_sysid_ros.diagnosis.failures.failures import by_forces, failures_of
 from aircraft_sysid_ros.diagnosis.failures.force_balance import force_balance
 from aircraft_sysid_ros.diagnosis.failures.interval_search import (
@@ -29,8 +35,17 @@ from aircraft_sysid_ros.diagnosis.failures.interval_search import (
     sums_of_squares,
 )
 from aircraft_sysid_ros.diagnosis.failures.repeats import likeliest, times_there
-from aircraft_sysid_ros.diagnosis.failures.words import candidate_json, report_json, sentence_of, terms_of
-from aircraft_sysid_ros.diagnosis.flight_answer import answer
+from aircraft_sysid_ros.diagnosis.failures.unrecorded_change import UnrecordedChange
+from aircraft_sysid_ros.diagnosis.failures.words import (
+    _window,
+    candidate_json,
+    change_json,
+    report_json,
+    sentence_of,
+    terms_of,
+)
+from aircraft_sysid_ros.diagnosis.flight_answer import answer, diagnose_run
+from aircraft_sysid_ros.diagnosis.model_versions import failed_input as failed_inputs
 from aircraft_sysid_ros.diagnosis.model_versions.additions import add, remove
 from aircraft_sysid_ros.diagnosis.model_versions.versions import open_run
 from aircraft_sysid_ros.diagnosis.words import headline
@@ -38,6 +53,7 @@ from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.identification.model_change import with_terms
 from aircraft_sysid_ros.pipeline import Pipeline
 from aircraft_sysid_ros.reconstruction.ground_speed_wind import contradicted_calm, wind_of_ground_speed
+from aircraft_sysid_ros.run_reader import read_points
 from aircraft_sysid_ros.run_writer import RunWriter
 from aircraft_sysid_ros.samples import Kind
 
@@ -174,6 +190,54 @@ def test_forces_of_the_balance_are_those_of_the_imu(engine) -> None:
 
 
 # -- flights --------------------------------------------------------------------------------------------------
+
+
+def test_times_by_forces_and_those_of_their_terms_count_from_where_the_filter_started(aircraft, flight) -> None:
+    """A term had begun as much too early as the filter had started late; the stamps were right."""
+    samples = flight.samples[flight.samples.stamp < flight.samples.stamp.min() + 30 * 10**9]
+    whole = force_balance(aircraft, samples)
+    late = force_balance(aircraft, samples, zero=whole.begin + 2 * 10**9)
+    assert late.time == pytest.approx(whole.time - 2.0, abs=1e-9) and (late.signal("time") == late.time).all()
+    told = []
+    for balance, begin in ((whole, 14.0), (late, 12.0)):
+        times = (Times(begin, begin + 6.0, 0.5, 0.5),)
+        changed = UnrecordedChange(
+            times=times, evidence=200.0, gains={"Cm": 200.0}, main_axis="Cm", size=0.3, errors={"Cm": (0.5, 0.4)}
+        )
+        report = FailureReport((), changed, (), ("de",), frozenset({"de"}), ("Cm",), {}, balance)
+        told.append((change_json(changed, report), balance))
+    (one, _), (other, _) = told
+    assert one["stamps"] == other["stamps"] and other["inner"] == {"t0": 12.0, "t1": 18.0}
+    assert "(14 s to 20 s since the first sample: the filter started 2 s late)" in other["where"]
+    acts = [balance.columns(said["terms"]["Cm"])[:, 0] for said, balance in told]
+    assert np.array_equal(*acts) and set(acts[0]) == {0.0, 1.0}
+
+
+def test_a_failure_that_began_before_the_filter_started_has_a_term_all_the_same() -> None:
+    text = _window(SimpleNamespace(times=(Times(-3.2, 5.0, 0.5, 0.5),)))
+    signals = np.zeros((8, SIGNAL_COUNT))
+    signals[:, SIGNAL_INDEX["time"]] = np.arange(8.0)
+    (column,) = evaluate_signals([parse_expression(text)], np.arange(8.0), signals, 1.5).T
+    assert column.tolist() == [1.0] * 5 + [0.0] * 3
+
+
+def test_what_a_run_says_by_forces_counts_as_its_terms_do(hidden_run, monkeypatch) -> None:
+    run, asked = open_run(hidden_run), []
+
+    def by_forces(aircraft, samples, progress=None, zero=None):
+        asked.append(zero)
+        raise InputError("enough")
+
+    for module in (flight_answer, failed_inputs):
+        monkeypatch.setattr(module, "by_forces", by_forces)
+    with pytest.raises(InputError, match="enough"):
+        flight_answer.diagnose_run(run.path)
+    with pytest.raises(InputError, match="enough"):
+        add(run.path, "stuck_control")
+    points = read_points(run.path)
+    time = points["signals"][:, points["signal_names"].tolist().index("time")]
+    assert asked == [run.zero, run.zero] and np.abs(points["stamp"] - run.zero - 1e9 * time).max() < 1e6
+    assert run.zero > run.samples.stamp.min(), "the filter needs some samples before it starts"
 
 
 @pytest.mark.long
@@ -391,7 +455,12 @@ def test_what_forces_alone_have_found_is_added_and_taken_back(run_without_vanes,
     added = add(run_without_vanes, "loss_of_thrust")
     assert {a: (e["error_before"], e["error_after"]) for a, e in added.axes.items()} == dict(found.errors)
     assert added.improved and "falls from" in added.verdict and "by the balance of forces" in added.verdict
-    assert not failures_of(added.version.aircraft, engine.samples).says_something, "the model has it now"
+    run = open_run(run_without_vanes)
+    said = diagnose_run(run.path)[0]
+    assert said["verdict"] == "none" and "already says that engine failed" in said["advice"], "the model has it now"
+    begin = float(re.search(r"time-([\d.]+)", added.change.terms["CX"][-1]).group(1))
+    since = begin + (run.zero - run.samples.stamp[run.samples.kind == Kind.IMU].min()) * 1e-9
+    assert since == pytest.approx(found.begin, abs=0.01) and since == pytest.approx(engine.begin, abs=2.0)
     listed = json.loads((run_without_vanes / "models" / added.version.identifier / "parameters.json").read_text())
     assert {p["status"] for p in listed["parameters"]} == {"HOLD"} and "10 Hz" in listed["parameters"][0]["reason"]
     with pytest.raises(InputError, match="in the model already"):

@@ -52,15 +52,15 @@ class AirspeedStep(NamedTuple):
     times: tuple[Times, ...]  # those that were asked, or from when on the airspeed itself has it
 
 
-def airspeed_step(samples: Samples, times: Sequence[Times]) -> AirspeedStep | None:
-    """The step at some times [s from the first sample of the IMU]; None where it is small or not sure.
+def airspeed_step(samples: Samples, times: Sequence[Times], zero: int | None = None) -> AirspeedStep | None:
+    """The step at some times [s from stamp ``zero`` [ns], else the first sample of the IMU]; None: small or not sure.
 
     What goes on to the end of the flight began when the speeds say so, within SEARCHED of what was asked.
     """
     imu = samples.stamp[samples.kind == Kind.IMU]
     if not len(imu):
         return None
-    seconds = (samples.stamp - imu.min()) * 1e-9
+    seconds = (samples.stamp - (imu.min() if zero is None else zero)) * 1e-9
     air, ground = samples.kind == Kind.AIRSPEED, samples.kind == Kind.GPS_VELOCITY
     air &= np.isfinite(samples.values[:, 0])
     ground &= np.isfinite(samples.values[:, :3]).all(axis=1)

@@ -12,7 +12,7 @@ from aircraft_sysid_ros.diagnosis.failures.failure_search import FailureSearch, 
 class Times(NamedTuple):
     """From when to when."""
 
-    begin: float  # [s] from the first sample of the IMU
+    begin: float  # [s] of ForceBalance.time
     end: float | None  # [s]; None: to the end of the flight
     begin_error: float  # [s] two standard errors
     end_error: float

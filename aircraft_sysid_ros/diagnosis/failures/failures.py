@@ -104,26 +104,32 @@ def has_vanes(samples: Samples) -> bool:
 
 
 def by_forces(
-    aircraft: Aircraft, samples: Samples, progress: Callable[[float], None] = lambda share: None
+    aircraft: Aircraft,
+    samples: Samples,
+    progress: Callable[[float], None] = lambda share: None,
+    zero: int | None = None,
 ) -> FailureReport | None:
     """What forces alone say of the inputs of a flight; None where it has too little for that.
 
-    With vanes the library judges the surfaces. It has no word of an engine whose thrust is not measured.
+    With vanes the library judges the surfaces. It has no word of an engine whose thrust is not measured. ``zero``:
+    stamp [ns] from which times count, those of terms too; None: from the first sample of the IMU.
     """
     try:
-        return engine_of(aircraft, samples) if has_vanes(samples) else failures_of(aircraft, samples, progress)
+        if has_vanes(samples):
+            return engine_of(aircraft, samples, zero)
+        return failures_of(aircraft, samples, progress, zero)
     except InputError:
         return None
 
 
-def engine_of(aircraft: Aircraft, samples: Samples) -> FailureReport | None:
+def engine_of(aircraft: Aircraft, samples: Samples, zero: int | None = None) -> FailureReport | None:
     """Look for an engine that failed by C_X alone; None where thrust is measured, or the flight consists of manoeuvres.
 
     Raises InputError where the flight is too short or lacks a sensor.
     """
     if np.any(samples.kind == Kind.SEAM):
         return None
-    forms = _with_spools(aircraft, samples)
+    forms = _with_spools(aircraft, samples, zero)
     stands_for_thrust = np.isfinite(forms[0].balance.full_thrust).all()  # the throttle does
     if forms[0].search.axes_of(ENGINE) != ["CX"] or not stands_for_thrust:
         return None
@@ -135,18 +141,22 @@ def engine_of(aircraft: Aircraft, samples: Samples) -> FailureReport | None:
 
 
 def failures_of(
-    aircraft: Aircraft, samples: Samples, progress: Callable[[float], None] = lambda share: None
+    aircraft: Aircraft,
+    samples: Samples,
+    progress: Callable[[float], None] = lambda share: None,
+    zero: int | None = None,
 ) -> FailureReport:
     """Look for an input that stopped acting, or else for moments that changed without any.
 
     Raises InputError where the flight is too short or lacks a sensor.
     """
-    with_leads = _with_leads(aircraft, samples)
+    with_leads = _with_leads(aircraft, samples, zero)
     motion = _best_lead(with_leads, THRESHOLDS.failure_evidence, of_motion=True)
     acceleration = _best_lead(with_leads, THRESHOLDS.acceleration_evidence, of_motion=False)
     jobs = [_Job(form, name) for name in motion.inputs(of_thrust=False) for form in (motion, acceleration)]
     count = len(jobs)
-    jobs += [_Job(form, name) for form in _with_spools(aircraft, samples) for name in form.inputs(of_thrust=True)]
+    with_spools = _with_spools(aircraft, samples, zero)
+    jobs += [_Job(form, name) for form in with_spools for name in form.inputs(of_thrust=True)]
     found: list[tuple[_Form, Failure]] = []
     evidence: dict[str, float] = {}  # the most that freezing an input has
     constants: list[tuple[_Form, Judged]] = []
@@ -183,7 +193,7 @@ def failures_of(
         tuple(best), changed, tuple(unnamed), tuple(evidence), frozenset(shown), judged, not_judged, motion.balance
     )
     unclear = report.unclear
-    return report if unclear is None else replace(report, airspeed=airspeed_step(samples, unclear.times))
+    return report if unclear is None else replace(report, airspeed=airspeed_step(samples, unclear.times, zero))
 
 
 def _searched(job: _Job) -> _Searched:
@@ -318,24 +328,24 @@ def _is_unseen(constant: Judged, balance: ForceBalance) -> bool:
     return axis in _ANGLES and _ANGLES[axis] not in balance.angles
 
 
-def _with_leads(aircraft: Aircraft, samples: Samples) -> list[ForceBalance]:
+def _with_leads(aircraft: Aircraft, samples: Samples, zero: int | None) -> list[ForceBalance]:
     """The flight with the inputs later by each of LEADS."""
     balances = []
     for lead in LEADS:
-        balances.append(force_balance(aircraft, samples, WIDEST, lead))
+        balances.append(force_balance(aircraft, samples, WIDEST, lead, zero=zero))
         if balances[0].band < QUICK_BAND:  # a tenth of a second is nothing there
             break
     return balances
 
 
-def _with_spools(aircraft: Aircraft, samples: Samples) -> list[_Form]:
+def _with_spools(aircraft: Aircraft, samples: Samples, zero: int | None) -> list[_Form]:
     """The flight in the band of what an engine does, which follows its throttle as slowly as each of SPOOLS.
 
     The thrust of a jet came 5 s after the throttle: a lost engine that came back, in a clean flight (JSBSim, a 737).
     """
     forms = []
     for spool in SPOOLS:
-        balance = force_balance(aircraft, samples, ENGINE_BAND, spool=spool)
+        balance = force_balance(aircraft, samples, ENGINE_BAND, spool=spool, zero=zero)
         forms.append(_Form(balance, FailureSearch(relations_of(balance), balance.step), THRESHOLDS.failure_evidence))
         if ENGINE not in forms[0].search.names:
             break

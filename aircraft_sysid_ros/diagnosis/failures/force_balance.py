@@ -57,8 +57,9 @@ class ForceBalance:
     """n points of a flight in the air, at one step."""
 
     aircraft: Aircraft
-    time: Array  # (n,) [s] from the first sample of the IMU
-    begin: int  # stamp [ns] of time 0
+    time: Array  # (n,) [s] from ``begin``, and the signal ``time``
+    begin: int  # stamp [ns] of time 0: the first sample of the IMU, unless another one is asked for
+    recorded_from: int  # stamp [ns] of the first sample
     step: float  # [s]
     band: float  # [Hz]
     measured: Array  # (n, 6) C_X … C_n about the aerodynamic reference
@@ -150,12 +151,18 @@ class _Series:
 
 
 def force_balance(
-    aircraft: Aircraft, samples: Samples, widest: float = WIDEST, lead: float = 0.0, spool: float = 0.0
+    aircraft: Aircraft,
+    samples: Samples,
+    widest: float = WIDEST,
+    lead: float = 0.0,
+    spool: float = 0.0,
+    zero: int | None = None,
 ) -> ForceBalance:
     """The longest stretch of a flight in the air. Raises InputError where it is too short or lacks a sensor.
 
     ``widest`` [Hz] band that is looked at. ``lead`` [s]: how much earlier inputs are recorded than they act, beyond the
-    delay of the aircraft file. ``spool`` [s]: time constant with which the engine follows the throttle.
+    delay of the aircraft file. ``spool`` [s]: time constant with which the engine follows the throttle. ``zero``: stamp
+    [ns] from which times count; None: from the first sample of the IMU.
     """
     from scipy.signal import butter, sosfiltfilt
 
@@ -187,7 +194,9 @@ def force_balance(
         signals[:, SIGNAL_INDEX[name]] = imu[:, column] * length / (2.0 * speed)
     signals[:, [SIGNAL_INDEX[name] for name in CONTROL_COLUMNS]] = controls
     signals[:, SIGNAL_INDEX["Tc"]], full_thrust = _thrust(aircraft, controls, pressure)
-    for name, values in (("V", speed), ("qbar", pressure), ("time", series.grid)):
+    begin = series.begin if zero is None else zero
+    time = series.grid + (series.begin - begin) * 1e-9
+    for name, values in (("V", speed), ("qbar", pressure), ("time", time)):
         signals[:, SIGNAL_INDEX[name]] = values
     signals[:, len(SIGNALS) : len(SIGNALS) + inputs.shape[1]] = inputs
     every = max(int(_FINE / (POINTS * band)), 1)
@@ -200,7 +209,7 @@ def force_balance(
         raise InputError(f"the flight has {seconds}")
     at = np.arange(0, len(series.grid), every)[keep]
     return ForceBalance(
-        aircraft, series.grid[at], series.begin, step, band, measured[at], signals[at],
+        aircraft, time[at], begin, int(samples.stamp.min()), step, band, measured[at], signals[at],
         pressure[at] / float(np.mean(pressure[at])), angles, wind, has_airspeed, full_thrust[at],
     )  # fmt: skip
 

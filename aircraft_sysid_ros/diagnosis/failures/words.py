@@ -15,6 +15,7 @@ from aircraft_sysid_ros.diagnosis.failures.episode import Episode, Times
 from aircraft_sysid_ros.diagnosis.failures.failure import THRUST_LEFT, Failure, FailureReport
 from aircraft_sysid_ros.diagnosis.failures.interval_search import PART
 from aircraft_sysid_ros.diagnosis.failures.unrecorded_change import UnrecordedChange
+from aircraft_sysid_ros.diagnosis.recorded_times import in_recording
 from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS
 from aircraft_sysid_ros.effects import BY_ID
 from aircraft_sysid_ros.effects.effect import CHANGE, MEASUREMENT
@@ -23,8 +24,8 @@ from aircraft_sysid_ros.identification.conditions import listed
 LOSS_OF_THRUST, STUCK, DAMAGED = "loss_of_thrust", "stuck_control", "control_damage"
 CHANGE_OF_MOMENTS = "parameter_change"
 _NO_NAME = (
-    "What is commanded makes other moments than before: a control that stands still, one that lost part of its effect, "
-    "or one of several surfaces that no longer moves. The flight does not tell well enough which it is."
+    "Commands make other moments than before: a stuck control, one that lost part of its effect, or one of several "
+    "surfaces that no longer moves. The flight does not show clearly which it is."
 )
 _WHAT = {**CONTROL_WORDS, ENGINE: "engine"}
 #: What a moment is called, and what else than a control it could be, by effect and in words.
@@ -32,8 +33,8 @@ _MOMENTS = {"Cl": "rolling", "Cm": "pitching", "Cn": "yawing"}
 _SIDEWAYS = ("unrecorded_flaps", "cg_shift", "asymmetric_thrust")
 _IN_PITCH = ("unrecorded_flaps", "cg_shift", "landing_gear")
 _RIVALS = {
-    "landing_gear": "a step of drag, as of a landing gear",
-    "parameter_change": "another constant of the same axes for that time, as of a trim that moved",
+    "landing_gear": "a step in drag, as from a landing gear",
+    "parameter_change": "another constant in the same axes for that time, as from a trim that moved",
 }
 #: Likelihoods are not believed further than to this power of ten.
 _POWERS = 6
@@ -44,14 +45,14 @@ _PHYSICS = {
     "part of the moments is then a constant instead of one in proportion to the command.",
     DAMAGED: "A surface that lost part of its area, a linkage that slips, or one of several surfaces that no longer "
     "moves: what is commanded makes part of the moments that it made before.",
-    CHANGE_OF_MOMENTS: "A control that stands elsewhere than it is told to, a flap, a load or damage on one side, a "
+    CHANGE_OF_MOMENTS: "A control that is not where it is commanded, a flap, a load or damage on one side, a "
     "centre of gravity that moved: each is a moment that was not there before.",
 }
 _MANOEUVRES = {
     LOSS_OF_THRUST: "Throttle steps at constant speed, before and after.",
     STUCK: "Doublets of every surface, repeated during the flight.",
     DAMAGED: "Doublets of every surface, repeated during the flight.",
-    CHANGE_OF_MOMENTS: "Doublets of every surface before and after, with vanes: they tell a control from all else.",
+    CHANGE_OF_MOMENTS: "Doublets of every surface before and after, with vanes: they tell a control from the rest.",
 }
 
 
@@ -70,8 +71,8 @@ def span_of(failure: Episode | AirspeedStep) -> str:
 def sentence_of_airspeed(step: AirspeedStep) -> str:
     """One sentence that a pilot understands."""
     return (
-        f"By GPS and a steady wind the airspeed reads {step.ratio:.3f} ± {step.std:.3f} of what it reads otherwise "
-        f"{span_of(step)}: moments that are worked out with it change there, and none is named; look at the pitot tube."
+        f"By GPS and a steady wind the airspeed reads {step.ratio:.3f} ± {step.std:.3f} of its usual value "
+        f"{span_of(step)}: moments that are worked out with it change there, and none is named; check the pitot tube."
     )
 
 
@@ -86,13 +87,13 @@ def sentence_of(failure: Failure) -> str:
     """One sentence that a pilot understands."""
     if failure.recorded:
         return (
-            f"The engine makes no thrust {span_of(failure)}: the recorded throttle itself stands at its lowest, while "
-            "the aeroplane gets slower than it ever was; whether it was cut or told to stop, no sensor says."
+            f"The engine makes no thrust {span_of(failure)}: the recorded throttle itself is at its lowest, while "
+            "the aeroplane gets slower than ever before; no sensor shows whether it failed or was commanded to stop."
         )
     if failure.is_deaf and failure.level > THRUST_LEFT:
         return (
-            f"The engine no longer follows its throttle {span_of(failure)}: it makes what {failure.level:.0%} of what "
-            "was asked for would, which of a propeller in flight may be no thrust at all."
+            f"The engine no longer follows its throttle {span_of(failure)}: it acts as at {failure.level:.0%} of the "
+            "command, which for a propeller in flight may be no thrust at all."
         )
     if failure.is_loss_of_thrust:
         return f"The engine makes no thrust {span_of(failure)}, whatever the throttle says."
@@ -111,8 +112,8 @@ def sentence_of_change(change: UnrecordedChange) -> str:
     if change.main_axis != "Cm":
         rest = "damage, a flap or a load on one side, or an engine that pulls to one side"
     return (
-        f"No recorded input shows {made} that acts {span_of(change)}: a control that does not stand where it is told "
-        f"to, {rest}."
+        f"No recorded input explains {made} that acts {span_of(change)}: a control that is not where it is "
+        f"commanded, {rest}."
     )
 
 
@@ -120,7 +121,7 @@ def sentence_of_unlike(failure: Failure) -> str:
     """One sentence that a pilot understands."""
     return (
         f"The aeroplane does not answer the control '{_WHAT.get(failure.name, failure.name)}' as before "
-        f"{span_of(failure)}, and whether it is stuck or damaged the flight does not tell."
+        f"{span_of(failure)}, and the flight does not show whether it is stuck or damaged."
     )
 
 
@@ -139,7 +140,7 @@ def sure_of(failure: Failure) -> str:
     if failure.recorded:
         return said + ". A landing with the engine idle looks the same."
     if failure.name != ENGINE and failure.kind != PART:
-        said += f"; of its effect {_left(failure)} is left meanwhile"
+        said += f"; meanwhile {_left(failure)} of its effect is left"
     if not failure.rivals:
         return said + ". Nothing else that was tried explains it as well."
     return said + f". It could also be {' or '.join(_RIVALS[name] for name in failure.rivals)}."
@@ -149,7 +150,7 @@ def _window(failure: Episode) -> str:
     """1 while it is there, as an expression."""
     windows = []
     for times in failure.times:
-        window = f"max(sign(time-{times.begin:.5g}),0)"
+        window = f"max(sign(time{-times.begin:+.5g}),0)"  # it may have begun before time 0
         windows.append(window if times.end is None else f"{window}*max(sign({times.end:.5g}-time),0)")
     return windows[0] if len(windows) == 1 else f"({'+'.join(windows)})"
 
@@ -197,14 +198,14 @@ def _of_airspeed(step: AirspeedStep, report: FailureReport) -> dict[str, Any]:
     return {
         "effect": effect.identifier, "label": effect.identifier, "name": effect.name, "kind": MEASUREMENT,
         "physics": effect.physics, "manoeuvre": effect.manoeuvre, "expression": None, "terms": {}, "axes": [],
-        "confounded_with": [], "where": f"it reads {step.ratio:.3f} ± {step.std:.3f} of the rest {span_of(step)}",
-        "is_to_add": False, "input": None, **_dated(step.times, report),
+        "confounded_with": [], "where": f"reads {step.ratio:.3f} ± {step.std:.3f} of its usual value {span_of(step)}"
+        f"{_recorded(step.times, report)}", "is_to_add": False, "input": None, **_dated(step.times, report),
     }  # fmt: skip
 
 
 def unlike_json(failure: Failure, report: FailureReport) -> dict[str, Any]:
     """As of any candidate without a name: the terms say that the input does something else for that time."""
-    label = f"another effect of the control '{_WHAT.get(failure.name, failure.name)}'"
+    label = f"changed effect of the control '{_WHAT.get(failure.name, failure.name)}'"
     return {
         **{"effect": None, "label": label, "name": label, "kind": CHANGE, "physics": _NO_NAME},
         "manoeuvre": _MANOEUVRES[STUCK],
@@ -237,7 +238,7 @@ def _shown(
         "error_before": failure.error_before,
         "error_after": failure.error_after,
         "confounded_with": list(rivals),
-        "where": f"{failure.main_axis[0]}_{failure.main_axis[1]}, {span_of(failure)}",
+        "where": f"{failure.main_axis[0]}_{failure.main_axis[1]}, {span_of(failure)}{_recorded(failure.times, report)}",
         **_dated(failure.times, report),
         "terms": terms,
         "parameters": [],
@@ -257,6 +258,12 @@ def _dated(episodes: Sequence[Times], report: FailureReport) -> dict[str, Any]:
         "inner_error": {name: errors[name] for name in inner},
         "stamps": {key: begin + int(1e9 * time) for key, time in inner.items()},
     }
+
+
+def _recorded(episodes: Sequence[Times], report: FailureReport) -> str:
+    """When that is since the first sample, in words, where the filter started late."""
+    stamps = _dated(episodes, report)["stamps"].values()
+    return in_recording(stamps, report.balance.begin, report.balance.recorded_from)
 
 
 def candidates_of(report: FailureReport) -> Iterator[tuple[dict[str, Any], Episode]]:
@@ -294,12 +301,12 @@ def notes_of(report: FailureReport) -> list[str]:
     notes = []
     wind = report.balance.wind
     if wind is not None and wind.is_there:
-        taken = "it was taken off" if wind.is_known else "the flight does not tell it well enough to take it off"
+        taken = "it was removed" if wind.is_known else "the flight does not show it well enough to remove it"
         notes.append(f"{wind.text}: {taken}")
     elif wind is not None and not wind.is_known:
-        notes.append("the course changes too little to tell the wind from the speed over ground")
+        notes.append("the course changes too little to find the wind from the speed over ground")
     notes += [
-        f"inputs that fail are not looked for in {axis[0]}_{axis[1]}: {why}" for axis, why in report.not_judged.items()
+        f"failed inputs are not looked for in {axis[0]}_{axis[1]}: {why}" for axis, why in report.not_judged.items()
     ]
     return notes
 
@@ -315,7 +322,7 @@ def _failed_in_model(report: FailureReport) -> list[str]:
     return found
 
 
-_OF_ENGINE = ", and of the engine only that it stops is looked for, not that it makes less"
+_OF_ENGINE = ", and for the engine only a stop is looked for, not a loss of power"
 
 
 def _advice(report: FailureReport) -> Iterator[str]:
@@ -332,26 +339,26 @@ def _advice(report: FailureReport) -> Iterator[str]:
         yield f"It is {_times_likelier(report.unexplained.evidence)} than that nothing changed."
     elif not report.tried:
         yield (
-            "Nothing could be looked for: no recorded input moves what this flight tells of a coefficient. The notes "
-            "say why of each axis. Record deflections, and vanes; what such a flight does tell is its drag (polar)."
+            "Nothing could be looked for: no recorded input moves a coefficient that this flight shows. The notes say "
+            "why for each axis. Record deflections, and vanes; what such a flight does show is its drag (polar)."
         )
     elif not report.found:
         unlike = {failure.name for failure in report.unlike}
         known = [_WHAT.get(name, name) for name in report.tried if name in report.shown - unlike]
         if failed := _failed_in_model(report):
-            yield f"The model has it that {listed(failed)} failed or changed for a time. Beyond that:"
+            yield f"The model already says that {listed(failed)} failed or changed for a time. Beyond that:"
         hidden = [_WHAT.get(name, name) for name in report.tried if name not in report.shown | unlike]
         if known:
             yield (
-                f"Of the inputs whose effect this flight shows none was seen to fail: {', '.join(known)}. One that "
-                "fails for seconds only, or while it is hardly told to move, would not be seen; one that keeps half of "
-                f"its effect need not be{_OF_ENGINE if _WHAT.get(ENGINE, ENGINE) in known else ''}."
+                f"Of the inputs whose effect this flight shows, none was seen to fail: {', '.join(known)}. One that "
+                "fails for only seconds, or while it is hardly commanded, would not be seen; one that keeps half of "
+                f"its effect might not be{_OF_ENGINE if _WHAT.get(ENGINE, ENGINE) in known else ''}."
             )
         if unlike:
             yield (
-                f"What {listed([_WHAT.get(name, name) for name in report.tried if name in unlike])} does is not the "
-                "same throughout the flight, as where a model is simpler than an aeroplane in turns: whether that is a "
-                "failure for a while is not told."
+                f"The effect of {listed([_WHAT.get(name, name) for name in report.tried if name in unlike])} is not "
+                "the same throughout the flight, as when the model is too simple for turns: whether it failed for a "
+                "while cannot be said."
             )
         if hidden:
-            yield f"Whether {listed(hidden)} failed it cannot show, since what that does here is too little to be told."
+            yield f"It cannot show whether {listed(hidden)} failed, since the effect in this flight is too small."

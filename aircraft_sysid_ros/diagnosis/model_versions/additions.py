@@ -81,7 +81,7 @@ def add(path: str | Path, text: str, progress: Progress = lambda share: None) ->
         run = open_run(path)
         parsed, setting = parse_request(text, run.root.model.inputs), None
         if isinstance(parsed, Effect):
-            failed = failed_input(run.current.aircraft, run.samples, parsed.identifier)
+            failed = failed_input(run.current.aircraft, run.samples, parsed.identifier, run.zero)
             if failed is not None:
                 return _finish_by_forces(run, parsed.identifier, failed)
             if parsed.identifier in BY_FORCES and parsed.identifier in run.current.changes and not _has_vanes(run):
@@ -119,7 +119,7 @@ def remove(path: str | Path, text: str) -> Outcome:
             change = _removal(run.current, parsed)
             changes = _with_removal(changes, label, change, run.root.model)
         without = version_with(run, changes, ())
-        failed = failed_input(without.aircraft, run.samples, label)
+        failed = failed_input(without.aircraft, run.samples, label, run.zero)
         if failed is not None:
             return _finish_by_forces(run, label, failed, removed=change)
         return _finish(run, run.flight(), changes, label, change, removed=True)
