@@ -149,8 +149,8 @@ def test_of_a_slow_vane_that_freezes_it_is_said_and_of_a_gap_of_the_log_it_is_no
         lines += [f"{vector}.{axis}: {{column: {column}, unit: {unit}}}" for axis, column in parts]
     text = "tables: [{time: {column: t, unit: s}, signals: {" + ", ".join(lines) + "}}]"
     report, *_ = imported(tmp_path / "x.csv", text, tmp_path)
-    notes = [note for note in report["notes"] if "stands still" in note]
-    assert notes[0].startswith("angle_of_attack: its value stands still from 60.0 to 90.0 s: it is stuck there, or")
+    notes = [note for note in report["notes"] if "does not change" in note]
+    assert notes[0].startswith("angle_of_attack: its value does not change from 60.0 to 90.0 s: it is stuck there, or")
     assert len(notes) == 2 and "from 180.0 to 200.0 s" in notes[1]
 
 
@@ -276,6 +276,21 @@ def test_a_clock_of_the_day_goes_on_past_midnight(tmp_path, monkeypatch, unit):
     report, samples, _ = imported(tmp_path / "gps.csv", text, tmp_path)
     assert np.diff(samples.stamp) == pytest.approx(0.2e9) and len(samples) == 100
     assert "gps.csv: its clock passed midnight, and goes on from there" in report["notes"]
+
+
+@pytest.mark.parametrize("unit", ["s", "iso"])
+@pytest.mark.parametrize("begin", [86_380.0, 86_385.0, 40_000.0])
+def test_files_of_one_pattern_continue_each_other_past_midnight(tmp_path, unit, begin):
+    """The file from after midnight was read first, and the recording was a day long."""
+    for i in (1, 2, 3):
+        seconds = np.mod(begin + 10.0 * (i - 1) + np.arange(0.0, 10.0, 0.5), 86_400.0)
+        texts = [f"{int(t // 3600):02d}:{int(t // 60 % 60):02d}:{t % 60:04.1f}" for t in seconds]
+        rows = [f"{t},{i}.{k},{k},{2 * k}" for k, t in enumerate(seconds if unit == "s" else texts)]
+        (tmp_path / f"log_{i}.csv").write_text("\n".join(["t,n,e,d", *rows]) + "\n")
+    signals = [(f"velocity.{way}", way[0], "m/s") for way in ("north", "east", "down")]
+    _, samples, _ = imported(tmp_path, layouts.map_of(("log_*.csv", f"{{column: t, unit: {unit}}}", signals)), tmp_path)
+    assert np.diff(samples.stamp) == pytest.approx(0.5e9) and len(samples) == 60
+    assert samples.values[::20, 0].astype(int).tolist() == [1, 2, 3]
 
 
 @pytest.mark.long  # of the whole process, and at larger sizes: test_import_memory.py

@@ -48,6 +48,19 @@ def days_later(times: npt.NDArray[Any], before: float, second: int = NANOSECONDS
     return np.asarray(np.cumsum(passed) * day, dtype=np.int64)
 
 
+def first_of_day(begins: Stamps) -> int:
+    """Which of times [ns] (n,) that rise comes after the widest gap between them if they are of one day; else 0."""
+    if begins[0] < 0 or begins[-1] >= _DAY * NANOSECONDS:
+        return 0
+    gaps = np.diff(begins, append=begins[0] + _DAY * NANOSECONDS)
+    return (len(gaps) - int(np.argmax(gaps[::-1]))) % len(gaps)
+
+
+def goes_on_past_midnight(before: int, after: int) -> bool:
+    """Whether a clock of a day shows a time [ns] just after another."""
+    return (after - before) % (_DAY * NANOSECONDS) <= _PAUSE_AT_MIDNIGHT * NANOSECONDS
+
+
 def start_note(colmap: ColumnMap) -> list[str]:
     """What is said where a MAP does not say when time 0 was."""
     if colmap.clock is None and any(table.time.unit != "iso" for table in colmap.tables):
@@ -66,9 +79,7 @@ def _ticks(values: npt.NDArray[Any], base: TimeBase, where: str) -> tuple[Stamps
     found, bad = numbers(values)
     if bad:
         example = next(str(value) for value, number in zip(values, found, strict=True) if np.isnan(number) and value)
-        raise InputError(
-            f"{where} holds '{example[:40]}', which is no number: for times that are texts write iso or irig"
-        )
+        raise InputError(f"{where} holds '{example[:40]}', which is not a number: for times as text write iso or irig")
     missing = ~np.isfinite(found)
     found = np.where(missing, 0.0, found)
     if found.size and float(np.abs(found).max()) * float(factor) > 9e18:
@@ -114,7 +125,7 @@ def _of_texts(values: npt.NDArray[Any], unit: str, clock: str | datetime | None,
     if moments.isna().any():
         example = next(texts[i] for i, lost in zip(there, moments.isna(), strict=True) if lost)
         raise InputError(
-            f"{where} holds '{str(example)[:40]}', which is no time such as 2024-05-31T14:05:00Z or 14:05:00"
+            f"{where} holds '{str(example)[:40]}', which is not a time such as 2024-05-31T14:05:00Z or 14:05:00"
         )
     found[there] = np.asarray(moments.tz_localize(None).to_numpy(), dtype="datetime64[ns]").astype(np.int64)
     return found
@@ -125,7 +136,7 @@ def _within(text: str, pattern: re.Pattern[str], where: str) -> int:
     match = pattern.fullmatch(text)
     if match is None:
         kind = "day:hour:minute:second" if pattern is _IRIG else "hour:minute:second"
-        raise InputError(f"{where} holds '{text[:40]}', which is no time {kind}")
+        raise InputError(f"{where} holds '{text[:40]}', which is not a time {kind}")
     *days, hours, minutes, seconds = match.groups()
     day = int(days[0]) - 1 if days else 0
     whole = ((day * 24 + int(hours)) * 60 + int(minutes)) * 60

@@ -5,7 +5,8 @@ from __future__ import annotations
 import itertools
 import mmap
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from datetime import datetime, timezone
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +15,14 @@ import numpy.typing as npt
 from aircraft_sysid_ros.errors import InputError, echo
 from aircraft_sysid_ros.flight_check.signals import interpolated_length
 from aircraft_sysid_ros.recordings.imported_log import LATEST
-from aircraft_sysid_ros.recordings.tabular.clock import NO_TIME, Stamps, days_later, stamps_of
+from aircraft_sysid_ros.recordings.tabular.clock import (
+    NO_TIME,
+    Stamps,
+    days_later,
+    first_of_day,
+    goes_on_past_midnight,
+    stamps_of,
+)
 from aircraft_sysid_ros.recordings.tabular.column_map import ColumnMap, MappedSignal, TableMap
 from aircraft_sysid_ros.recordings.tabular.signals import place_in_vector, unit_of, vector_of, wild_beyond
 from aircraft_sysid_ros.recordings.tabular.source import Source, natural_order
@@ -31,6 +39,7 @@ _FEWEST_ROWS = 3  # between restarts of a time
 #: new was measured.
 _MAY_STAND_STILL = ("controls", "inputs", "mass", "air_temperature")
 _DAY = 86_400.0  # [s]
+_EPOCH = datetime.fromtimestamp(0, timezone.utc)
 _HELD_SHARE, _FEWEST_NEW = 0.45, 10  # fewer new ones are no sensor but a constant
 _LONGEST_HELD = 2.5  # times the usual number of rows, of nine in ten
 #: A slow sensor whose value stands still for so long [s], and for so many of its steps, is said to; and so many times.
@@ -245,8 +254,8 @@ def _settled(stream: Stream, notes: list[str]) -> Stream:
         f"{stream.name}: {stream.count - new.count} of {stream.count} rows only repeat the one before and are left out"
     )
     notes += [
-        f"{stream.name}: its value stands still from {begin:.1f} to {end:.1f} s: it is stuck there, or nothing came; "
-        "that time is a gap"
+        f"{stream.name}: its value does not change from {begin:.1f} to {end:.1f} s: it is stuck there, or nothing "
+        "came; that time is a gap"
         for begin, end in _standstills(stream, new)
     ]
     return new
@@ -338,7 +347,7 @@ class _TableReader:
         return list(zip(self._begins, [*self._ends, self._last], strict=True))
 
     def in_order(self, tables: list[Table]) -> list[Table]:
-        """Tables of one pattern by their first time, or by their names where each starts over."""
+        """Tables of one pattern by their first time, past midnight too, or by their names where each starts over."""
         for table in tables:
             table.position(self.map.time.column)
             for signal in self.map.signals:
@@ -348,13 +357,22 @@ class _TableReader:
         if self.map.time.restarts:
             return sorted(tables, key=lambda table: natural_order(table.name))
 
-        def first(table: Table) -> int:
-            piece = next(table.read([self.map.time.column], 1000), None)
-            stamp = self._stamps(piece, table) if piece else np.empty(0, np.int64)
-            stamp = stamp[stamp != NO_TIME]
-            return int(stamp[0]) if len(stamp) else LATEST
+        begins = np.array([next(self._shown(table, 1000), (LATEST,))[0] for table in tables])
+        tables, begins = [tables[i] for i in np.argsort(begins, kind="stable")], np.sort(begins)
+        first = first_of_day(begins)
+        if not first:
+            return tables
+        *_, (_, end) = self._shown(tables[-1], ROWS)
+        return tables[first:] + tables[:first] if goes_on_past_midnight(end, int(begins[0])) else tables
 
-        return sorted(tables, key=first)
+    def _shown(self, table: Table, rows: int) -> Iterator[tuple[int, ...]]:
+        """First and last time [ns] of pieces of a table as its clock shows them: since midnight, or since 1970."""
+        time = replace(self.map.time, offset=0.0)
+        for piece in table.read([time.column], rows):
+            stamp = stamps_of(piece[time.column], time, _EPOCH, self._time_of(table))
+            stamp = stamp[stamp != NO_TIME]
+            if len(stamp):
+                yield int(stamp[0]), int(stamp[-1])
 
     def _check_columns(self, table: Table, signal: MappedSignal) -> None:
         for column in signal.columns:
@@ -386,7 +404,7 @@ class _TableReader:
             self.notes.append(f"{table.name}: {wild}")
         self._wild.clear()
         self.notes += [f"{table.name}: {text}" for text in table.said]
-        self._note(table, unnumbered, f"{'is' if unnumbered == 1 else 'are'} no number and left out", "cell")
+        self._note(table, unnumbered, f"{'is' if unnumbered == 1 else 'are'} not a number and left out", "cell")
         self._note(table, timeless, "without a time left out", "row")
         self._note(table, doubled, "with the time of the row before left out", "row")
 
@@ -409,7 +427,10 @@ class _TableReader:
 
     def _stamps(self, piece: Piece, table: Table) -> Stamps:
         column = self.map.time.column
-        return stamps_of(piece[column], self.map.time, self.clock, f"the time column '{column}' of {table.name}")
+        return stamps_of(piece[column], self.map.time, self.clock, self._time_of(table))
+
+    def _time_of(self, table: Table) -> str:
+        return f"the time column '{self.map.time.column}' of {table.name}"
 
     def _go_on_past_midnight(self, stamp: Stamps, timed: npt.NDArray[np.bool_], table: Table) -> None:
         """Make stamps (n,) of a clock of a day go on where it passed midnight."""
