@@ -22,12 +22,12 @@ class ParameterOptions:
     half_width: float = option(
         0.08, "Half-width of the differentiating window, which is its delay.", "s", 0.01, 1.0, _WINDOW
     )
-    step: float = option(0.04, "Time between evaluations.", "s", 0.005, 1.0, _WINDOW)
+    step: float = option(0.04, "Time between evaluations.", "s", 0.005, 0.1, _WINDOW)
     forgetting_time: float = option(120.0, "Time constant of forgetting, in seconds of motion.", "s", 1.0, 1e6)
     excitation: float = option(
         2.0, "Ratio of a term's motion to its noise above which its axis learns.", "sigma", 0.0, 100.0
     )
-    settle: float = option(0.2, "How much later than its state a control sample may arrive.", "s", 0.0, LONGEST_WAIT)
+    settle: float = option(0.2, "How much later than its state a control sample may arrive.", "s", 0.02, LONGEST_WAIT)
     largest_gap: float = option(0.06, "Longest time between states inside a window.", "s", 0.001, 1.0)
     measured_angles: bool = option(
         True,

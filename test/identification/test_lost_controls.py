@@ -137,3 +137,16 @@ def test_blocks_of_any_size_give_the_same(aircraft, flight):
     whole = points(len(few))
     for size in (1, 61, 1000):
         np.testing.assert_array_equal(points(size), whole)
+
+
+@pytest.mark.parametrize(("used", "due"), [(8.0, None), (3.0, 8.2)])
+def test_a_mass_that_comes_late_counts_from_then_on(aircraft, used, due):
+    """By its own stamp it had changed states that were used already, where samples come in large portions."""
+    controls = ControlHistory(aircraft, SETTLE)
+    controls.forget_before(used)
+    mass = samples_of(Kind.MASS, [5 * SECOND], np.array([0.9 * aircraft.mass]))
+    controls.add(mass, 0, None if due is None else np.array([int(due * SECOND)]))
+    rows = np.zeros((4, StateField.WIDTH))
+    rows[:, StateField.TIME] = [6.0, 7.9, 12.0, 13.0]
+    parts = controls.parts_of_one_mass(rows)
+    assert [(len(part), body.mass / aircraft.mass) for part, body in parts] == [(2, 1.0), (2, pytest.approx(0.9))]

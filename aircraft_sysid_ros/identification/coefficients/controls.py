@@ -38,6 +38,8 @@ Integers = npt.NDArray[np.int64]
 MOST_EARLY = 10_000
 #: Late samples of a kind that are kept, in case the clock started over and the states have yet to say so.
 _MOST_BEHIND = 1000
+#: Longest time [s] to a sample that a straight line is drawn to, however long is waited for it.
+_LONGEST_LINE = 0.2
 #: Samples so far [s] ahead of the states are by a clock that was set.
 _FAR_AHEAD = 60.0
 #: So many values within so long [s] that no aircraft has are no faults of transmission: the unit is another one.
@@ -116,8 +118,9 @@ class ControlHistory:
             if chosen.any():
                 used = None if due is None else seconds(due[chosen], epoch) - self.settle
                 self._insert(kind, times[chosen], values[chosen], used)
-        for i in np.flatnonzero(samples.kind == Kind.MASS):
-            self._masses.append((float(times[i]), values[i]))
+        for i in np.flatnonzero(samples.kind == Kind.MASS):  # one that comes late counts from then on
+            used = self.used_until if due is None else float(seconds(due[i : i + 1], epoch)[0]) - self.settle
+            self._masses.append((max(float(times[i]), used, self.used_until), values[i]))
             self._masses.sort(key=lambda item: item[0])
 
     def _note_absurd(self, times: Array, absurd: npt.NDArray[np.bool_]) -> None:
@@ -138,6 +141,11 @@ class ControlHistory:
             for column, since in sorted(self._misread.items())
             if time >= since and (unit := "rad" if column < len(SURFACES) else "SI units")
         ]
+
+    @property
+    def _between(self) -> float:
+        """Longest time [s] to a sample that a straight line is drawn to."""
+        return min(self.settle, _LONGEST_LINE)
 
     @property
     def _input_reach(self) -> float:
@@ -178,11 +186,11 @@ class ControlHistory:
         times = rows[:, StateField.TIME]
         series = self._series[Kind.CONTROLS]
         if sparse:
-            controls = interpolate_sparse(*series, times, SPARSEST_CONTROLS, self.settle)
+            controls = interpolate_sparse(*series, times, SPARSEST_CONTROLS, self._between)
         else:
-            controls = interpolate(*series, times, self.settle, 2.0 / self._aircraft.sensors["control_surfaces"].rate)
+            controls = interpolate(*series, times, self._between, 2.0 / self._aircraft.sensors["control_surfaces"].rate)
             controls[moved_unseen(*series, times, self._noise, 2.0 * LONG, self.settle)] = np.nan
-        heights = interpolate(*self._series[Kind.HEIGHT], times, self.settle, self.settle)[:, 0]
+        heights = interpolate(*self._series[Kind.HEIGHT], times, self._between, self._between)[:, 0]
         controls = np.hstack([controls * self._signs, self._inputs_at(times, sparse)])
         return controls, np.where(np.isfinite(heights), heights, altitudes(rows) - self.ground.below(rows))
 
@@ -191,8 +199,8 @@ class ControlHistory:
 
         def between(times: Array, values: Array, at: Array) -> Array:
             if sparse:
-                return interpolate_sparse(times, values, at, SPARSEST_CONTROLS, self.settle)
-            return interpolate(times, values, at, self.settle)
+                return interpolate_sparse(times, values, at, SPARSEST_CONTROLS, self._between)
+            return interpolate(times, values, at, self._between)
 
         return named_inputs(len(self._aircraft.inputs), *self._series[Kind.INPUTS], at, between)
 
