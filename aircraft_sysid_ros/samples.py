@@ -139,7 +139,7 @@ def joined(parts: Sequence[Samples]) -> tuple[Samples, list[int]]:
     in any order. How long there really was between them the SEAM says; of those that overlap nobody knows, since their
     clocks are not the same.
     """
-    spans = [_span(part) for part in parts]
+    spans = [span(part) for part in parts]
     batches, shifts, end = [parts[0]], [0], spans[0][1]
     for part, (first, last), before in zip(parts[1:], spans[1:], spans, strict=False):
         shift = -((first - end - int(PAUSE * _SECOND)) // _SECOND) * _SECOND
@@ -152,12 +152,16 @@ def joined(parts: Sequence[Samples]) -> tuple[Samples, list[int]]:
     return concatenate(batches), shifts
 
 
-def _span(samples: Samples) -> tuple[int, int]:
+def span(samples: Samples) -> tuple[int, int]:
     """First and last stamp [ns] that can be right: of the IMU, which is the clock, where there is one."""
     of_imu = samples.stamp[samples.kind == Kind.IMU]
-    stamps = of_imu if len(of_imu) else samples.stamp
-    sound = stamps[np.abs(stamps - int(np.median(stamps))) < _LONGEST]
+    sound = sound_stamps(of_imu if len(of_imu) else samples.stamp)
     return int(sound.min()), int(sound.max())
+
+
+def sound_stamps(stamps: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
+    """Those of stamps [ns] (n,) of a recording that can be right: a driver may begin with one of 0."""
+    return stamps[np.abs(stamps - int(np.median(stamps))) < _LONGEST]
 
 
 def manoeuvres(samples: Samples) -> list[Samples]:
@@ -183,7 +187,7 @@ def _split(samples: Samples, at: npt.NDArray[np.int64]) -> list[Samples]:
 
 def fewer_manoeuvres(samples: Samples, longest: float) -> Samples:
     """Every first, second, third, … manoeuvre with the seams between them: about ``longest`` [s] at most in all."""
-    spans = [_span(part) for part in manoeuvres(samples)]
+    spans = [span(part) for part in manoeuvres(samples)]
     every = max(int(np.ceil(sum(last - first for first, last in spans) / _SECOND / longest)), 1)
     return samples[np.cumsum(samples.kind == Kind.SEAM) % every == 0]
 

@@ -19,7 +19,7 @@ import numpy as np
 from aircraft_sysid_ros.aircraft.named_inputs import NamedInput
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.recordings.reader import Recording, read_recording
-from aircraft_sysid_ros.samples import SHORTEST, Kind, Samples, concatenate, joined, same_imu
+from aircraft_sysid_ros.samples import SHORTEST, Kind, Samples, concatenate, joined, same_imu, sound_stamps, span
 from aircraft_sysid_ros.stamps import NANOSECONDS
 from aircraft_sysid_ros.yaml_file import read_yaml
 
@@ -50,7 +50,7 @@ class Manoeuvre:
     def duration(self) -> float:
         """Time [s] between its first and last IMU sample; 0 where it has none."""
         stamps = self.samples.stamp[self.samples.kind == Kind.IMU]
-        return float(np.ptp(stamps)) / NANOSECONDS if len(stamps) else 0.0
+        return float(np.ptp(sound_stamps(stamps))) / NANOSECONDS if len(stamps) else 0.0
 
     @property
     def json(self) -> dict[str, Any]:
@@ -151,15 +151,8 @@ def _whole(path: Path, recording: Recording, given: Sequence[Path]) -> Manoeuvre
     return Manoeuvre(segment, samples)
 
 
-def _clock(samples: Samples) -> tuple[int, int]:
-    """First and last stamp [ns] of the IMU, of all samples where it is silent."""
-    of_imu = samples.stamp[samples.kind == Kind.IMU]
-    stamps = of_imu if len(of_imu) else samples.stamp
-    return int(stamps.min()), int(stamps.max())
-
-
 def _length(samples: Samples) -> float:
-    first, last = _clock(samples)
+    first, last = span(samples)
     return (last - first) / NANOSECONDS
 
 
@@ -171,7 +164,7 @@ def _cut(recording: Recording, segment: Segment) -> Manoeuvre:
             f"the segment '{segment.name}' goes from {segment.start:g} to {segment.stop:g} s, but the recording "
             f"{segment.recording} has {length:.1f} s: correct its start and stop"
         )
-    begin = _clock(samples)[0]
+    begin = span(samples)[0]
     low, high = (begin + round(t * NANOSECONDS) for t in (segment.start, segment.stop))
     inside = samples[(samples.stamp >= low) & (samples.stamp <= high)]
     masses = samples[(samples.kind == Kind.MASS) & (samples.stamp < low)]
@@ -204,7 +197,7 @@ def read_segments(path: str, given: Sequence[Path]) -> list[Segment]:
 
 def _segment(where: str, entry: Any, folder: Path, given: Sequence[Path]) -> Segment:
     if not isinstance(entry, dict):
-        raise InputError(f"{where} is no segment: give it {', '.join(KEYS)}")
+        raise InputError(f"{where} is not a segment: give it {', '.join(KEYS)}")
     unknown = [str(key) for key in entry if key not in KEYS]
     if unknown:
         raise InputError(f"{where} has the unknown key '{unknown[0][:60]}': a segment has {', '.join(KEYS)}")
@@ -214,14 +207,14 @@ def _segment(where: str, entry: Any, folder: Path, given: Sequence[Path]) -> Seg
     recording = _recording(where, entry.get("recording"), folder, given)
     name = entry.get("name", f"{recording.stem} {start:g} to {stop:g} s")
     if not isinstance(name, str | int | float) or not str(name).strip():
-        raise InputError(f"{where} has a name that is no text")
+        raise InputError(f"{where} has a name that is not text")
     return Segment(recording, start, stop, " ".join(str(name).split()))
 
 
 def _seconds(where: str, entry: Mapping[str, Any], key: str) -> float:
     value = entry.get(key)
     if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value) or value < 0.0:
-        raise InputError(f"{where} needs a {key} in seconds from the begin of the recording, 0 or more")
+        raise InputError(f"{where} needs a {key} in seconds from the start of the recording, 0 or more")
     return float(value)
 
 

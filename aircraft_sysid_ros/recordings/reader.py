@@ -22,7 +22,7 @@ from aircraft_sysid_ros.ros_messages.conversion import (
     samples_and_rows,
     topics_of,
 )
-from aircraft_sysid_ros.samples import Samples, concatenate
+from aircraft_sysid_ros.samples import Samples, concatenate, sound_stamps
 from aircraft_sysid_ros.stamps import NANOSECONDS
 
 #: No message holds more samples than this.
@@ -44,17 +44,17 @@ class Recording:
 
     @property
     def start(self) -> int:
-        """Earliest stamp [ns]."""
-        return int(self.samples.stamp.min())
+        """Earliest stamp [ns] that can be right."""
+        return int(sound_stamps(self.samples.stamp).min())
 
     @property
     def end(self) -> int:
-        """Latest stamp [ns]."""
-        return int(self.samples.stamp.max())
+        """Latest stamp [ns] that can be right."""
+        return int(sound_stamps(self.samples.stamp).max())
 
     @property
     def duration(self) -> float:
-        """Time between the earliest and the latest stamp [s]."""
+        """Time between those two [s]."""
         return (self.end - self.start) / NANOSECONDS
 
     def require(self, topics: Iterable[str]) -> None:

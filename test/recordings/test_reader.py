@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.recordings.manoeuvres import Manoeuvre, read_body
 from aircraft_sysid_ros.recordings.message_types import known_types
 from aircraft_sysid_ros.recordings.reader import read_recording
 from aircraft_sysid_ros.recordings.storage import read_raw
@@ -41,6 +42,22 @@ def test_names_with_and_without_namespace(tmp_path, prefix):
     assert recording.ignored == {}
     assert recording.duration == pytest.approx(0.19)
     assert recording.start == START
+
+
+def test_a_stamp_of_zero_moves_no_time_of_the_others(tmp_path):
+    """The first message of a driver had one: times counted from 1970, and no segment was long enough."""
+    stamp = START + np.arange(1000) * 20_000_000
+    stamp[0] = 0
+    with RecordingWriter(tmp_path / "flight") as writer:
+        fields = imu_fields(np.zeros((1000, 3)), np.zeros((1000, 3)))
+        writer.write("imu/data", TOPICS["imu/data"], stamp, fields, log_time=START + np.arange(1000) * 20_000_000)
+    (tmp_path / "segments.yaml").write_text("[{start: 2, stop: 12, name: a}]")
+    (cut,) = read_body([str(tmp_path / "flight")], str(tmp_path / "segments.yaml")).manoeuvres
+    assert cut.duration == pytest.approx(10.0) and cut.samples.stamp[0] == stamp[101]
+    recording = read_recording(tmp_path / "flight")
+    assert recording.start == stamp[1] and recording.duration == pytest.approx(19.96)
+    whole = Manoeuvre(cut.segment, recording.samples)
+    assert whole.duration == pytest.approx(19.96)
 
 
 def test_only_one_aircraft_is_read(tmp_path):
