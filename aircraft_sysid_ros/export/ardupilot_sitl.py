@@ -124,9 +124,9 @@ def _inputs(learnt: LearntModel, signals: Array, full: Array) -> dict[str, Array
 
 
 def _beta(signals: Array, learnt: LearntModel) -> Array:
-    """The program's sideslip atan(v / u) [rad] of ours, asin(v / V)."""
+    """The program's sideslip atan(v / u) [rad] of ours, asin(v / V); 0 where it is not known."""
     names = learnt.model.signal_names
-    alpha, beta = signals[:, names.index("alpha")], signals[:, names.index("beta")]
+    alpha, beta = (np.nan_to_num(signals[:, names.index(name)]) for name in ("alpha", "beta"))
     return np.asarray(np.arctan2(np.sin(beta), np.cos(beta) * np.cos(alpha)))
 
 

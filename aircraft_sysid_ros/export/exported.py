@@ -60,7 +60,11 @@ def comment_of(lines: list[str]) -> str:
 
 def loss_line(lost: Mapping[str, float]) -> str:
     """What of each coefficient the formulas of a target miss."""
-    parts = (f"{axis} {percent(share if share > ROUNDING else 0.0)}" for axis, share in lost.items())
+
+    def words(share: float) -> str:
+        return "not known" if np.isnan(share) else percent(share if share > ROUNDING else 0.0)
+
+    parts = (f"{axis} {words(share)}" for axis, share in lost.items())
     return "lost over the flight's own rows, of the spread of each coefficient: " + ", ".join(parts)
 
 

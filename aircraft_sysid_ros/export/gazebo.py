@@ -116,11 +116,15 @@ def coefficients(flown: LearntModel) -> dict[str, float]:
 
 
 class _Flow:
-    """What the plugin works with on signal rows: the flow at ``cp``, as factors of ours at the centre of gravity."""
+    """What the plugin works with on signal rows: the flow at ``cp``, as factors of ours at the centre of gravity.
+
+    Signals that are not known are 0: no term of the model reads them.
+    """
 
     def __init__(self, learnt: LearntModel, signals: Array, cp_x: float) -> None:
         names, aircraft = learnt.model.signal_names, learnt.aircraft
-        alpha, beta, p, q, r = (signals[:, names.index(name)] for name in ("alpha", "beta", "p", "q", "r"))
+        flow = (signals[:, names.index(name)] for name in ("alpha", "beta", "p", "q", "r"))
+        alpha, beta, p, q, r = map(np.nan_to_num, flow)
         pitch, yaw = q / aircraft.chord, 2.0 * r / aircraft.span  # rates over V [1/m]
         u = np.cos(beta) * np.cos(alpha)  # velocity over V at cp
         v = np.sin(beta) + yaw * cp_x

@@ -49,10 +49,12 @@ def export_px4(learnt: LearntModel, full: Array | None, version: str = VERSIONS[
             f"{', '.join(doubtful)} rest on parameters that are not to be used, and stand in the file as comments: "
             "take the # of a line away once you have checked its value"
         )
+    of_side = "how C_Y goes with the sideslip is not known, so that FW_W_C_B1 is left out"
+    if "CY" in misses:
+        of_side = f"C_Y = -FW_W_C_B1 beta within {percent(misses['CY'])}"
     notes.append(
         "FW_W_* are of PX4's open pull request 25966, not of a release: C_L = FW_W_C_A0 + FW_W_C_A1 alpha within "
-        f"{percent(misses['CL'])} of its spread over the flight, C_Y = -FW_W_C_B1 beta within "
-        f"{percent(misses['CY'])}"
+        f"{percent(misses['CL'])} of its spread over the flight, {of_side}"
     )
     comments = [*header_lines(learnt, "PX4", {}, _NOT_HELD), *notes]
     if version == PULL_REQUEST:
@@ -92,19 +94,25 @@ def lift_coefficient(flown: LearntModel) -> Array:
 
 
 def wind_estimator(learnt: LearntModel) -> tuple[list[Entry], dict[str, float]]:
-    """FW_W_* and the rms error of C_L and C_Y over their spread."""
+    """FW_W_* and the rms error of C_L and C_Y over their spread; those of C_Y where it goes with the sideslip."""
     flown = learnt.flown
-    lift, side = lift_coefficient(flown), flown.coefficients[:, 1]
-    alpha, beta = flown.signal("alpha"), flown.signal("beta")
+    lift, alpha = lift_coefficient(flown), flown.signal("alpha")
     of_lift = fitted({"1": np.ones(len(alpha)), "alpha": alpha}, lift, {"1", "alpha"})
-    of_side = fitted({"beta": beta}, side, {"beta"})
     entries = [
         Entry("FW_W_MASS", learnt.aircraft.mass, what="kg"),
         Entry("FW_W_AREA", learnt.aircraft.wing_area, what="m^2"),
-        Entry("FW_W_C_B1", -of_side["beta"], what="-C_Y per rad of sideslip"),
         Entry("FW_W_C_A0", of_lift["1"], what="C_L at zero angle of attack"),
         Entry("FW_W_C_A1", of_lift["alpha"], what="C_L per rad of angle of attack"),
     ]
-    errors = {"CL": lift - of_lift["1"] - of_lift["alpha"] * alpha, "CY": side - of_side["beta"] * beta}
-    spreads = {"CL": lift, "CY": side}
-    return entries, {n: float(np.sqrt(np.mean(e**2)) / max(np.std(spreads[n]), 1e-12)) for n, e in errors.items()}
+    misses = {"CL": _missed(lift - of_lift["1"] - of_lift["alpha"] * alpha, lift)}
+    if "beta" in flown.reads("CY"):
+        side, beta = flown.coefficients[:, 1], flown.signal("beta")
+        slope = fitted({"beta": beta}, side, {"beta"})["beta"]
+        entries.insert(2, Entry("FW_W_C_B1", -slope, what="-C_Y per rad of sideslip"))
+        misses["CY"] = _missed(side - slope * beta, side)
+    return entries, misses
+
+
+def _missed(error: Array, of: Array) -> float:
+    """Root mean square of an error (n,) over the spread of what it is an error of (n,)."""
+    return float(np.sqrt(np.mean(error**2)) / max(np.std(of), 1e-12))

@@ -7,13 +7,16 @@ import json
 import os
 import re
 import shutil
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from scipy.io import loadmat
 
 from aircraft_sysid_ros.commands.main import main
+from aircraft_sysid_ros.export.exported import loss_line
 from aircraft_sysid_ros.export.learnt_model import percent
+from aircraft_sysid_ros.export.targets import TARGETS
 
 OUT = {
     "jsbsim": "a.xml", "ardupilot-sitl": "a.json", "gazebo": "a.sdf", "px4": "a.params", "matlab": "a.mat",
@@ -60,6 +63,33 @@ def test_people_are_told_the_range_and_what_is_lost(exported_run, tmp_path, caps
 def test_a_share_is_said_in_per_cent_without_a_power_of_ten(share):
     number, unit = percent(share).split(" ")
     assert unit == "%" and "e" not in number and float(number) == pytest.approx(100.0 * share, rel=0.06, abs=1e-12)
+
+
+def test_a_loss_that_is_not_known_is_not_said_to_be_none():
+    assert loss_line({"CZ": 0.012, "CY": float("nan"), "Cn": 0.0}).endswith(": CZ 1.2 %, CY not known, Cn 0 %")
+
+
+@pytest.mark.parametrize("target", [target for target in OUT if target != "csv"])
+def test_a_flight_whose_sideslip_is_not_known_is_exported(learnt, target):
+    """Without a vane C_Y, C_l and C_n are not learnt, and the sideslip is NaN in all rows."""
+    signals = learnt.signals.copy()
+    signals[:, learnt.model.signal_names.index("beta")] = np.nan
+    lateral = [learnt.model.axis_slice(axis) for axis in ("CY", "Cl", "Cn")]
+    unknown = {k for part in lateral for k in range(part.start, part.stop)}
+    parameters = tuple(
+        replace(p, value=np.nan, std=np.nan, status="HOLD") if k in unknown else p
+        for k, p in enumerate(learnt.parameters)
+    )
+    blind = replace(learnt, signals=signals, parameters=parameters)
+    full = np.radians([25.0, 20.0, 30.0])
+    found, known = (TARGETS[target].write(each, full, TARGETS[target].versions[0]) for each in (blind, learnt))
+    for axis in found.lost.keys() & {"CX", "CZ", "Cm"}:
+        assert 0.0 <= found.lost[axis] <= 1.2 * known.lost[axis], axis
+    if target == "px4":
+        assert "\tFW_W_C_B1\t" not in found.content and "\tFW_W_C_A1\t" in found.content
+        assert any("not known, so that FW_W_C_B1 is left out" in note for note in found.notes)
+    if isinstance(found.content, str):
+        assert not re.search(r"\bnan\b", found.content)
 
 
 def test_how_far_the_surfaces_go_is_said_where_nobody_gave_it(exported_run, learnt, tmp_path, capsys):
