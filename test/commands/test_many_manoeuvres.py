@@ -41,6 +41,7 @@ def ask(*words) -> dict:
 
 def refused(capsys, *words) -> str:
     """The sentence with which a command refuses, on standard error, with the status 2."""
+    capsys.readouterr()  # what a slow fixture has said
     assert main([*map(str, words)]) == 2
     said = capsys.readouterr().err.strip()
     assert said.count("\n") == 0 and "Traceback" not in said

@@ -4,18 +4,23 @@ import contextlib
 import io
 import json
 import shutil
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import yaml
 
+from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
+from aircraft_sysid_ros.aircraft.configuration import aircraft_from_dict
+from aircraft_sysid_ros.aircraft.signals import SIGNAL_COUNT
 from aircraft_sysid_ros.commands.main import main
+from aircraft_sysid_ros.diagnosis.flight.flight_data import FlightData
 from aircraft_sysid_ros.diagnosis.flight.reconstruction import reconstruct, settled_flight
 from aircraft_sysid_ros.diagnosis.flight_diagnosis import diagnose_flight
 from aircraft_sysid_ros.diagnosis.search.candidates import Candidate
 from aircraft_sysid_ros.diagnosis.search.evaluator import CandidateEvaluator
 from aircraft_sysid_ros.diagnosis.several_runs import join_runs
-from aircraft_sysid_ros.diagnosis.two_runs import holm
+from aircraft_sysid_ros.diagnosis.two_runs import _predicted, holm
 from aircraft_sysid_ros.effects import BY_ID
 from aircraft_sysid_ros.run_reader import DIAGNOSIS, read_samples
 from aircraft_sysid_ros.samples import (
@@ -43,6 +48,7 @@ def ask(*words) -> dict:
 
 def refused(capsys, *words) -> str:
     """The sentence with which a command refuses, with the status 2."""
+    capsys.readouterr()  # what a slow fixture has said
     assert main([*map(str, words)]) == 2
     said = capsys.readouterr().err.strip()
     assert said.count("\n") == 0 and "Traceback" not in said
@@ -184,6 +190,26 @@ def test_two_versions_of_one_flight_give_no_chance(runs, tmp_path):
 def test_p_values_by_holm():
     """0.005, 0.01, 0.03, 0.04 of four: times 4, 3, 2, 1, and none less than one before it."""
     assert holm(np.array([0.01, 0.04, 0.03, 0.005])) == pytest.approx([0.03, 0.06, 0.06, 0.02])
+
+
+@pytest.mark.parametrize("inputs", [("spoiler", "trim_tab"), ("spoiler",)])
+def test_a_model_reads_its_inputs_by_name_on_another_flight(aircraft, inputs):
+    """It had read the first input of that file, whatever it is called."""
+    rng, time = np.random.default_rng(3), 0.1 * np.arange(300)
+
+    def flown(names):
+        model = {"CZ": [1, "alpha", "trim_tab"]} if "trim_tab" in names else {"CZ": [1, "alpha"]}
+        plane = aircraft_from_dict({**aircraft.source, "inputs": dict.fromkeys(names), "model": model})
+        signals, measured = rng.standard_normal((len(time), SIGNAL_COUNT)), np.zeros((len(time), 6))
+        flight = FlightData(plane, time, measured, signals, 0.1)
+        tab = flight.signal("trim_tab") if "trim_tab" in names else 0.0
+        measured[:, AXES.index("CZ")] = -0.3 - 4.0 * flight.signal("alpha") + 0.5 * tab
+        return flight
+
+    fit = SimpleNamespace(parameters=np.array([-0.3, -4.0, 0.5]))
+    model = SimpleNamespace(flight=flown(("trim_tab",)), axes={"CZ": SimpleNamespace(fit=fit)})
+    error = _predicted(model, flown(inputs), "CZ")
+    assert error == pytest.approx(0.0, abs=1e-9) if "trim_tab" in inputs else np.isnan(error)
 
 
 @pytest.mark.long

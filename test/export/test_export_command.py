@@ -31,6 +31,7 @@ def answer(capsys, *words):
 
 def refused(capsys, *words):
     """The sentence."""
+    capsys.readouterr()  # what a slow fixture has said
     assert main([*map(str, words)]) == 2
     out, err = capsys.readouterr()
     assert out == "" and err.count("\n") == 1
@@ -202,7 +203,7 @@ def test_bad_input_is_one_sentence(exported_run, tmp_path, monkeypatch, capsys, 
 def test_a_file_is_no_folder(exported_run, tmp_path, capsys):
     (tmp_path / "here").touch()
     err = refused(capsys, "export", exported_run, "--to", "csv", "--out", tmp_path / "here" / "a.csv")
-    assert "here is no folder" in err
+    assert "here is not a folder" in err
 
 
 def test_a_folder_that_cannot_be_written_to(exported_run, tmp_path, capsys):
@@ -215,7 +216,7 @@ def test_a_folder_that_cannot_be_written_to(exported_run, tmp_path, capsys):
 
 
 def test_what_is_no_run_and_a_damaged_one(exported_run, tmp_path, capsys):
-    assert "is no run" in refused(capsys, "export", tmp_path, "--to", "csv", "--out", tmp_path / "a.csv")
+    assert "is not a run" in refused(capsys, "export", tmp_path, "--to", "csv", "--out", tmp_path / "a.csv")
     run = copied(exported_run, tmp_path)
     (run / "parameters.json").write_text("{")
     said = refused(capsys, "gains", run, "--to", "px4", "--full-deflection", "25,20,30")

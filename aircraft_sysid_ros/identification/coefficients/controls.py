@@ -119,8 +119,8 @@ class ControlHistory:
                 used = None if due is None else seconds(due[chosen], epoch) - self.settle
                 self._insert(kind, times[chosen], values[chosen], used)
         for i in np.flatnonzero(samples.kind == Kind.MASS):  # one that comes late counts from then on
-            used = self.used_until if due is None else float(seconds(due[i : i + 1], epoch)[0]) - self.settle
-            self._masses.append((max(float(times[i]), used, self.used_until), values[i]))
+            before = -np.inf if due is None else float(seconds(due[i : i + 1], epoch)[0]) - self.settle
+            self._masses.append((max(float(times[i]), before, self.used_until), values[i]))
             self._masses.sort(key=lambda item: item[0])
 
     def _note_absurd(self, times: Array, absurd: npt.NDArray[np.bool_]) -> None:
