@@ -267,10 +267,11 @@ def _errors(comparisons: tuple[Comparison, Comparison]) -> dict[str, Array]:
 
 def _predicted(model: Comparison, flight: FlightData, axis: str) -> float:
     """NRMSE of the parameters of one run on the flight of another, which they have not seen."""
-    fit, programs = model.axes[axis].fit, model.flight.model.programs[AXES.index(axis)]
+    fit = model.axes[axis].fit
     known = np.isfinite(fit.parameters)
     measured = flight.coefficient(axis)
     try:
+        programs = flight.parsed(model.flight.model.terms[axis])  # there its inputs may stand in other places
         predicted = flight.columns(programs)[:, known] @ fit.parameters[known]
     except InputError:  # it reads an input that the other flight does not have
         return np.nan
