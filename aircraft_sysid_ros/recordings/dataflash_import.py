@@ -94,7 +94,7 @@ def read_dataflash(path: Path) -> LogContent:
         notes.append("the file is damaged in places: what could be read was")
     if damaged:
         names = ", ".join(damaged)
-        notes.append(f"what the file says of the layout of {names} is damaged: none of that could be read")
+        notes.append(f"what the file says about the layout of {names} is damaged: none of those could be read")
     notes += _output_notes(tables.get("PARM"))
     batches = [
         Batch(name, start + _time(fields), fields)

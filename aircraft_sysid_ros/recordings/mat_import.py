@@ -38,7 +38,7 @@ def import_mat(path: str | Path, out: str | Path, *, overwrite: bool = False) ->
             return write_log(log, path, out, overwrite=overwrite)
     found = ", ".join(name for name in content if not name.startswith("__"))[:200]
     raise InputError(
-        f"{path} is no flight that can be imported: known are those of the UMN UAV Lab (flight_data) "
+        f"{path} is not a flight that can be imported: known are those of the UMN UAV Lab (flight_data) "
         "and of InertialNav (IMU, GPS, … with labels, or angRate, accel, …), "
         f"and it holds {found or 'nothing'}; tables of others need --map MAP.yaml, which --guess MAP.yaml begins"
     )

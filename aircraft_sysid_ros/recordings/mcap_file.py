@@ -162,7 +162,7 @@ class _Contents:
                 self._add_chunk(data, start, is_checked)
             elif kind == mcap.GAP:
                 where = "a chunk" if base else "the file"
-                self._add_damage(f"{length} bytes at byte {start} of {where} are no records")
+                self._add_damage(f"{length} bytes at byte {start} of {where} are not records")
             else:
                 self._add_description(kind, data[start : start + length].tobytes())
             at = i + 1

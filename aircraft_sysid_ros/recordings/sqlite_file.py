@@ -29,7 +29,7 @@ _ROWS = "SELECT id, topic_id, timestamp, data FROM messages NOT INDEXED ORDER BY
 _JOURNALS = ("-wal", "-journal")
 #: The table in which newer recorders state how much they wrote.
 METADATA_TABLE = "its table of metadata"
-GAPS = "the numbers of its messages are not in a row: some were deleted, or the file is damaged"
+GAPS = "the numbers of its messages are not consecutive: some were deleted, or the file is damaged"
 _LONGEST_REASON = 100  # characters of what SQLite says
 #: What SQLite raises, and what Python does when SQLite names damaged text in an error.
 _ERRORS = (sqlite3.Error, UnicodeDecodeError)

@@ -61,8 +61,8 @@ def read_tlog(path: Path) -> LogContent:
         if (message.get_srcSystem(), message.get_srcComponent()) == sender:
             heard.take(message.get_type(), fields_of(message), arrival)
     starts = heard.boot_time.reboots
-    notes = [f"the autopilot started anew {starts} times"] if starts else []
-    notes += [f"{lost} bytes are no messages"] if lost else []
+    notes = [f"the autopilot restarted {starts} times"] if starts else []
+    notes += [f"{lost} bytes are not messages"] if lost else []
     batches = [_batch(name, kept, heard.offsets) for name, kept in heard.by_name.items()]
     return LogContent("MAVLink telemetry", batches, heard.found, notes)
 

@@ -70,7 +70,7 @@ def import_flight_data(content: dict[str, Any]) -> ImportedLog:
     missing = {
         "control_surfaces while the pilot flies": "the recorded commands are frozen then: NaN",
         "flaps, thrust, propeller_speed": "not measured on the clock of the flight computer: NaN",
-        "height_above_ground": "the barometric height is no distance to the ground",
+        "height_above_ground": "the barometric height is not the height above ground",
         "mass_properties": "constant, see the aircraft file",
         "imu/data orientation": "the onboard attitude is a reference to compare with, not an input",
     }

@@ -47,7 +47,7 @@ def _trust(found: Explanation) -> list[str]:
     if count[ERROR]:
         first = f"Not as it is: {_counted(count[ERROR], 'error')} make what is estimated from it wrong."
     elif found.check.duration < SHORTEST:
-        first = f"That is not told: {nothing_wrong(found.check.duration)}."
+        first = f"That cannot be said: {nothing_wrong(found.check.duration)}."
     elif off := _off(found):
         of = "them" if len(off) > 1 else "it"
         sensors = _counted(len(off), "sensor")
@@ -114,7 +114,7 @@ def _off(found: Explanation) -> list[str]:
 
 def _sensors(found: Explanation) -> list[str]:
     if found.check.duration < SHORTEST:
-        return _off(found) or [f"That is not told: {nothing_wrong(found.check.duration)}."]
+        return _off(found) or [f"That cannot be said: {nothing_wrong(found.check.duration)}."]
     return _off(found) or ["None that could be seen: what they show fits together."]
 
 

@@ -112,7 +112,7 @@ def _serve(pipe: Connection, namespace: str) -> None:
             if pipe.poll():
                 link.ask(*pipe.recv())
     except NameValidationException as error:
-        pipe.send((NO_ROS, f"--namespace {namespace} is no namespace: {error}"))
+        pipe.send((NO_ROS, f"--namespace {namespace} is not a namespace: {error}"))
     except (EOFError, BrokenPipeError, ConnectionResetError):
         pass
     finally:

@@ -264,7 +264,9 @@ def load_truth_view(path: str | Path | None) -> TruthView:
         listed = {**content, "coefficients": content["coefficients"] or {}}
         return TruthView(true_values(listed), content)
     except UNREADABLE:
-        raise InputError(f"{place} is no truth of a simulated flight: simulate writes it into the recording") from None
+        raise InputError(
+            f"{place} holds no truth of a simulated flight: simulate writes it into the recording"
+        ) from None
 
 
 def load_flight_record(path: str | Path, zero: int) -> FlightRecord:

@@ -115,7 +115,7 @@ class Shelf:
         """Close the run that nobody has looked at for longest. Raises InputError where somebody looks at all."""
         idle = [name for name, session in self._open.items() if not (self._viewers.get(name) or session.is_working)]
         if not idle:
-            raise InputError(f"{MOST_OPEN} runs are open, which is the most: close the page of one of them first")
+            raise InputError(f"{MOST_OPEN} runs are open, which is the maximum: close the page of one of them first")
         self._open.pop(min(idle, key=lambda name: self._looked[name])).close()
 
     def close(self) -> None:

@@ -311,7 +311,7 @@ def complaint(text: str, inputs: tuple[str, ...] = ()) -> str:
             return str(error)
         near = nearest(text.strip(), BY_ID)
         hint = f"; or did you mean the effect {near[0]}?" if near else ""
-        return f"Write a term with its axis, such as CZ: alpha**3; '{text.strip()[:40]}' alone is no effect{hint}"
+        return f"Write a term with its axis, such as CZ: alpha**3; '{text.strip()[:40]}' alone is not an effect{hint}"
     return ""
 
 

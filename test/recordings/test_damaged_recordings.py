@@ -244,7 +244,7 @@ def test_a_length_that_leaps_over_thousands_of_messages_costs_one_or_two(tmp_pat
         raw = read_raw(tmp_path / "bag")
         flip(file, bit)
         assert len(whole) - 2 <= len(raw) <= len(whole), bit
-        assert any("are no records: messages may be missing from " in note for note in raw.notes)
+        assert any("are not records: messages may be missing from " in note for note in raw.notes)
 
 
 def chunks(file):
@@ -364,7 +364,7 @@ def test_bytes_behind_the_records_of_a_chunk_are_said(flight, tmp_path):
     struct.pack_into("<I", data, start + 24, crc32(data[start + 40 : start + 40 + size]))
     (tmp_path / "changed.mcap").write_bytes(data)
     raw = read_raw(tmp_path / "changed.mcap")
-    assert any(note.startswith("1 bytes at byte ") and "are no records" in note for note in raw.notes), raw.notes
+    assert any(note.startswith("1 bytes at byte ") and "are not records" in note for note in raw.notes), raw.notes
 
 
 def test_recordings_without_checksums_say_so_once(flight, tmp_path):
@@ -410,7 +410,7 @@ def test_damage_in_a_recording_that_breaks_off_is_said_too(flight, tmp_path):
     file.write_bytes(data)
     notes = read_raw(tmp_path / "bag").notes
     assert losses.NOT_FINISHED in notes
-    assert any("are no records: messages may be missing from" in note for note in notes)
+    assert any("are not records: messages may be missing from" in note for note in notes)
 
 
 # -- folders ------------------------------------------------------------------------------------------------
@@ -517,7 +517,7 @@ def test_a_file_of_sqlite_says_what_it_lacks_and_that_it_has_no_checksums(tmp_pa
     database.close()
     counts, gaps, checksums = read_raw(file).notes
     assert counts.startswith(f"3 of the {len(whole)} messages that its table of metadata counts could not be read: ")
-    assert gaps == "the numbers of its messages are not in a row: some were deleted, or the file is damaged"
+    assert gaps == "the numbers of its messages are not consecutive: some were deleted, or the file is damaged"
     assert checksums == losses.NO_CHECKSUMS
     with sqlite3.connect(file) as database:
         database.execute("UPDATE metadata SET metadata = ?", ["[" * 100_000])
@@ -593,7 +593,7 @@ def test_a_file_that_holds_more_than_its_size_can_is_refused(tmp_path, monkeypat
     monkeypatch.setattr(archives, "_ALWAYS", 1 << 20)
     content = zstandard.ZstdCompressor(level=19).compress(bytes(64 << 20))
     (tmp_path / "bag.mcap.zstd").write_bytes(content)
-    with pytest.raises(InputError, match="holds more than a file of its size can: it is no recording"):
+    with pytest.raises(InputError, match="holds more than a file of its size can: it is not a recording"):
         read_raw(tmp_path / "bag.mcap.zstd")
 
 

@@ -60,4 +60,4 @@ def test_a_format_that_is_damaged_takes_its_own_messages_and_no_others(tmp_path,
     log.write_bytes(content)
     report, recording = run_import(log, tmp_path / "bag")
     check_motion(recording, UNIX, height=1e-2)
-    assert "the layout of BARO is damaged: none of that could be read" in " ".join(report["notes"])
+    assert "the layout of BARO is damaged: none of those could be read" in " ".join(report["notes"])

@@ -119,7 +119,7 @@ def test_without_a_calibration_pulses_are_inputs_and_those_that_nothing_is_at_ar
     ("text", "words"),
     [
         (PULSES.replace("  3:", "  9:"), "output 9 (throttle) has no column"),
-        (PULSES + "airspeed: {meaning: true}\n", "of tables only 'outputs' are read"),
+        (PULSES + "airspeed: {meaning: true}\n", "for tables only 'outputs' is read"),
     ],
 )
 def test_what_a_calibration_says_beyond_the_tables_is_told(text, words, outputs, tmp_path, capsys):
@@ -139,4 +139,4 @@ def test_a_calibration_does_not_help_with_tables_of_no_autopilot(outputs, tmp_pa
     write_rows(tmp_path / "x.csv", ["time", "p"], [np.arange(100.0), np.zeros(100)])
     calibration = ["--calibration", str(tmp_path / "servos.yaml")]
     assert main(["import", str(tmp_path / "x.csv"), "--guess", str(tmp_path / "map.yaml"), *calibration]) == 2
-    assert "is none that is known" in capsys.readouterr().err
+    assert "is not one that is known" in capsys.readouterr().err

@@ -51,8 +51,8 @@ def test_a_name_is_kept_taken_for_the_id_and_undone(run, capsys) -> None:
 
 @pytest.mark.long
 def test_bad_names_are_one_sentence_and_nothing_is_written(run, capsys) -> None:
-    assert f"{LONGEST_NAME} are the most" in refused(capsys, run, "n" * (LONGEST_NAME + 1))
-    assert f"{LONGEST_NOTE} are the most" in refused(capsys, run, "n", "--note", "x" * 100_000)
+    assert f"at most {LONGEST_NAME} are allowed" in refused(capsys, run, "n" * (LONGEST_NAME + 1))
+    assert f"at most {LONGEST_NOTE} are allowed" in refused(capsys, run, "n", "--note", "x" * 100_000)
     assert "one line" in refused(capsys, run, "two\nlines")
     assert "do not print" in refused(capsys, run, "a\u202eb")
     assert "do not print" in refused(capsys, run, "n", "--note", "\x1b[2J")

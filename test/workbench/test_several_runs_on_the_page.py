@@ -152,7 +152,7 @@ def test_runs_that_nobody_looks_at_make_room(runs, monkeypatch) -> None:
     ("arguments", "said"),
     [
         (["monday", "monday"], "a run is given twice"),
-        (["monday", "notes"], "is no run"),
+        (["monday", "notes"], "is not a run"),
         (["monday", "nowhere"], "is not there"),
         (["."], "--truth and --calibration are for one run"),
     ],

@@ -223,4 +223,4 @@ def test_a_node_in_a_namespace_on_a_tablet_in_the_dark(served, open_page) -> Non
 def test_a_namespace_that_is_none_is_one_sentence(capsys) -> None:
     assert main(["workbench", "--live", "--namespace", "9 lives", "--no-browser", "--port", "0"]) == 2
     said = capsys.readouterr().err.strip().splitlines()
-    assert "--namespace" in said[-1] and "is no namespace" in said[-1] and "Traceback" not in str(said), said
+    assert "--namespace" in said[-1] and "is not a namespace" in said[-1] and "Traceback" not in str(said), said

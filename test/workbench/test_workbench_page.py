@@ -266,7 +266,7 @@ def test_a_term_that_does_not_parse_is_refused_in_words(server, open_page) -> No
     page.click(marked("side-add"))
     for text, complaint in (
         ("CZ: __import__('os')", "is not allowed"),
-        ("CQ: beta", "is no axis"),
+        ("CQ: beta", "is not an axis"),
         ("CL: alpha**2", "for lift write CZ"),
         ("alhpa", "Write a term with its axis, such as CZ: alpha**3"),
         ("dihedral_alfa", "did you mean the effect dihedral_alpha?"),

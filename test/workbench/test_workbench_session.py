@@ -179,13 +179,13 @@ def test_bad_work_is_one_sentence_and_writes_nothing(session, run) -> None:
     before = {path: path.stat().st_mtime_ns for path in run.rglob("*")}
     for job, said in (
         (Job(CALIBRATE, "five-hole"), "holds no samples of /five_hole_probe"),
-        (Job(CALIBRATE, "../../x"), "is no calibration"),
-        (Job(REFINE, "../magic"), "is no method of refine"),
+        (Job(CALIBRATE, "../../x"), "is not a calibration"),
+        (Job(REFINE, "../magic"), "is not a method of refine"),
         (Job(NAME, "nobody", ("name", "note")), "has no model 'nobody'"),
         (Job(UNNAME, session.view.current), "nothing to undo"),
         (Job(UNDO, "refine output-error"), "nothing to undo"),
         (Job(UNDO, "calibrate ../../x"), "nothing to undo"),
-        (Job(NAME, session.view.current, ("n", "x" * 1_000_000)), "2000 are the most"),
+        (Job(NAME, session.view.current, ("n", "x" * 1_000_000)), "at most 2000 are allowed"),
     ):
         assert session.start(job)
         session.wait(60.0)
@@ -250,7 +250,7 @@ def test_addresses_can_be_typed_and_who_can_reach_them_is_known(monkeypatch, hos
 def test_a_folder_that_is_no_run_is_one_sentence(tmp_path) -> None:
     session = Session(tmp_path)
     try:
-        with pytest.raises(InputError, match="is no run"):
+        with pytest.raises(InputError, match="is not a run"):
             session.wait(120.0)
     finally:
         session.close()

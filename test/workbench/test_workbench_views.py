@@ -312,8 +312,8 @@ def test_a_table_has_values_with_standard_errors_and_intervals_of_95_percent() -
     ("text", "first"),
     [
         ("alhpa**3", "Write a term with its axis, such as CZ: alpha**3"),
-        ("CZ: alhpa**3", "'alhpa' in 'alhpa**3' is no signal"),
-        ("CQ: beta", "'CQ' is no axis"),
+        ("CZ: alhpa**3", "'alhpa' in 'alhpa**3' is not a signal"),
+        ("CQ: beta", "'CQ' is not an axis"),
         ("CZ: alpha**3", ""),
         ("stall", ""),
     ],

@@ -98,7 +98,7 @@ def load_column_map(path: str | Path) -> ColumnMap:
 def parse_column_map(text: str) -> ColumnMap:
     """A MAP from its text; raises InputError with the line."""
     if len(text) > _LARGEST_MAP:
-        raise InputError("it is no map: it is larger than 1 MB")
+        raise InputError("it is not a map: it is larger than 1 MB")
     try:
         node = yaml.compose(text, yaml.SafeLoader)
     except yaml.YAMLError as error:
@@ -164,7 +164,7 @@ def _time(node: Any) -> TimeBase:
         try:
             conversion(unit, "s")
         except InputError as error:
-            _fail(keys["unit"], f"time: {error}; for times that are texts write iso or irig")
+            _fail(keys["unit"], f"time: {error}; for times as text write iso or irig")
     offset, restarts = _number(keys.get("offset"), "offset", 0.0), _truth(keys.get("restarts"), "restarts")
     return TimeBase(column, unit, offset, node.start_mark.line + 1, restarts)
 
@@ -199,7 +199,7 @@ def _items(node: Any, what: str) -> Iterator[tuple[Any, Any]]:
     seen: dict[str, int] = {}
     for key, value in node.value:
         if not isinstance(key, yaml.ScalarNode):
-            _fail(key, f"a key of {what} is no text")
+            _fail(key, f"a key of {what} is not text")
         if key.value in seen:
             _fail(key, f"the key '{key.value}' is there twice, first in line {seen[key.value]}: remove one")
         seen[key.value] = key.start_mark.line + 1

@@ -53,7 +53,7 @@ def check_signal(name: str) -> None:
         if is_reserved(own) or own in SIGNALS:
             raise InputError(f"'{name}' has a name that terms of a model use otherwise: give the input another one")
         if not is_name(own):
-            raise InputError(f"'{name}' is no name of an input: write letters, digits and _ after '{INPUTS}'")
+            raise InputError(f"'{name}' is not a name for an input: write letters, digits and _ after '{INPUTS}'")
         return
     raise InputError(f"unknown signal '{name}': {near(name, [*UNITS, INPUTS + 'NAME'])}")
 

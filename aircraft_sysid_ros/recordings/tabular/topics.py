@@ -199,7 +199,7 @@ class Plan:
             self.notes.append(f"static_pressure is that of the standard atmosphere at {height}")
         needs_temperature = self._speed not in (None, "true_airspeed") or self._makes_density()
         if self._has("air_temperature") and not needs_temperature:
-            self.missing["air_temperature"] = "not carried over: nothing is worked out with it"
+            self.missing["air_temperature"] = "not carried over: nothing uses it"
         if self._makes_density():
             self.notes.append("air_density is worked out from static pressure and air_temperature")
         used = [s for s in (self._speed, *_AIR, self._height()) if s and self._has(s) and s not in self.missing]

@@ -128,11 +128,11 @@ def _parsed(unit: str, si_unit: str | None) -> tuple[float, Any]:
     if spelt == "1":
         return scale, registry.Unit("dimensionless")
     if not _ALLOWED.fullmatch(rest) or re.search(r"\d\s*(\*\*|\^)|(\*\*|\^)\s*\(?\s*-?\d{2}", spelt):
-        raise InputError(f"'{unit[:40]}' is no unit: write it like deg/s, m/s^2 or kt")
+        raise InputError(f"'{unit[:40]}' is not a unit: write it like deg/s, m/s^2 or kt")
     try:
         return scale, registry.Unit(spelt)
     except Exception:  # pint raises all kinds, tokenize's and its own
-        raise InputError(f"'{unit}' is no unit: {near(rest, _COMMON)}") from None
+        raise InputError(f"'{unit}' is not a unit: {near(rest, _COMMON)}") from None
 
 
 def _root(registry: Any, unit: Any) -> Any:

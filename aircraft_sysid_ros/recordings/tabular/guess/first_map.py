@@ -78,7 +78,7 @@ def guess_map(path: Path, mapping: ServoMapping | None = None) -> FirstMap:
     if known is not None:
         return _of_known_kind(tables, known[0], notes + known[1])
     if mapping is not None:
-        raise InputError(f"--calibration is for logs of autopilots, and {path} is none that is known")
+        raise InputError(f"--calibration is for logs of autopilots, and {path} is not one that is known")
     notes += [note for _, table in tables if (note := table.note or _without_names(table))]
     looked_at: dict[str | None, tuple[dict[str, npt.NDArray[Any]], TimeGuess | None]] = {}
 

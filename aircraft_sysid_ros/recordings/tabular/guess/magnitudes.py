@@ -128,7 +128,7 @@ def _degrees(flight: Flight, signals: tuple[str, ...]) -> None:
         if limits.get(signal, 1.75) < most <= whole:
             column.take_unit("deg", f"it goes up to {most:.3g}, too far for radians")
         elif most > 400.0:
-            column.doubt = f"it goes up to {most:.3g}, which is no angle"
+            column.doubt = f"it goes up to {most:.3g}, which is not an angle"
 
 
 #: Most [rad] that a heading which counts its turns is taken to go: nine turns.

@@ -254,7 +254,7 @@ def _customs(flight: Flight) -> None:
         if column.doubt or column.sign or not column.unit:
             continue
         if signal in _CUSTOM:
-            column.take_sign(column.custom, "by custom: nothing in the data tells")
+            column.take_sign(column.custom, "by convention: nothing in the data shows it")
             column.sure = False
         elif signal == "flaps":
             values = flight.columns[signal].numbers
@@ -358,6 +358,6 @@ def _explain_open(flight: Flight) -> None:
         if column.doubt or column.is_known:
             continue
         if not column.unit:
-            column.doubt = "its unit cannot be told"
+            column.doubt = "its unit cannot be found"
         else:
-            column.doubt = "which way is positive cannot be told"
+            column.doubt = "the positive direction cannot be found"

@@ -85,10 +85,10 @@ def why_no_time(table: Table, columns: dict[str, npt.NDArray[Any]]) -> str:
         back = np.flatnonzero(np.diff(known) < 0.0)
         if len(back):
             return (
-                f"{table.name} is left out: its column '{name}' goes back at data row {back[0] + 2}: make a time of it "
-                "that goes on, or map it with restarts: true where every manoeuvre starts over"
+                f"{table.name} is left out: its column '{name}' goes back at data row {back[0] + 2}: make it a time "
+                "that keeps rising, or map it with restarts: true where every manoeuvre starts over"
             )
-        return f"{table.name} is left out: the unit of its time '{name}' cannot be told, or it stands still"
+        return f"{table.name} is left out: the unit of its time '{name}' cannot be found, or it does not rise"
     return f"{table.name} is left out: no column of it is named as a time (once) and rises"
 
 
