@@ -19,7 +19,8 @@ from aircraft_sysid_ros.export.autopilot_parameters import (
 )
 from aircraft_sysid_ros.export.exported import header_lines
 from aircraft_sysid_ros.export.learnt_model import LearntModel, standard_errors
-from aircraft_sysid_ros.export.level_flight import airspeeds_of, level_flight, level_words
+from aircraft_sysid_ros.export.level_flight import level_words
+from aircraft_sysid_ros.export.px4 import levels_of
 from aircraft_sysid_ros.export.rate_loops import (
     GAIN_MARGIN,
     PHASE_MARGIN,
@@ -53,7 +54,7 @@ def gains(learnt: LearntModel, autopilot: str, full: Array, actuator: Actuator) 
     Raises InputError where there is no level flight, or where the covariance allows an unstable loop.
     """
     loops = tuple(design(learnt, axis, actuator) for axis in (ROLL, PITCH))
-    levels = [level_flight(learnt, speed) for speed in airspeeds_of(learnt)]
+    levels = levels_of(learnt)
     reach = {ROLL: float(full[1]), PITCH: float(full[0])}
     notes = (
         *(_about(loop) for loop in loops),
@@ -76,7 +77,7 @@ def gains(learnt: LearntModel, autopilot: str, full: Array, actuator: Actuator) 
 
 
 def _trims(learnt: LearntModel, full: Array) -> dict[str, float]:
-    levels = [level_flight(learnt, speed) for speed in airspeeds_of(learnt)]
+    levels = levels_of(learnt)
     return {e.name: e.value for e in px4_trims(learnt, levels, full)}
 
 

@@ -27,6 +27,8 @@ Array = npt.NDArray[np.float64]
 
 PULL_REQUEST = "pr25966"
 VERSIONS = ("main", PULL_REQUEST)
+#: Share of FW_AIRSPD_MIN that FW_AIRSPD_STALL may be in releases with fw_pos_control_l1 (``parameters_update``).
+_LARGEST_STALL = 0.9
 _NOT_HELD = ("the coefficients but for those of FW_W_*: PX4 has no model of the aeroplane",)
 
 
@@ -35,8 +37,14 @@ def export_px4(learnt: LearntModel, full: Array | None, version: str = VERSIONS[
 
     Raises InputError where the model has no level flight.
     """
-    levels = [level_flight(learnt, speed) for speed in airspeeds_of(learnt)]
+    levels = levels_of(learnt)
     notes = [level_words(level) for level in levels]
+    stall, low, *_ = airspeeds(learnt, levels)
+    if stall.value > _LARGEST_STALL * low.value:
+        notes.append(
+            f"FW_AIRSPD_STALL is more than {_LARGEST_STALL} of FW_AIRSPD_MIN, which older releases of PX4 refuse: with "
+            f"these raise FW_AIRSPD_MIN to {stall.value / _LARGEST_STALL:.1f} m/s"
+        )
     if full is None:
         notes.append("no TRIM_*: give --full-deflection, the degrees of elevator, aileron and rudder at full command")
     notes.append("gains: aircraft-sysid gains RUN --to px4")
@@ -65,23 +73,36 @@ def export_px4(learnt: LearntModel, full: Array | None, version: str = VERSIONS[
 
 
 def _entries(learnt: LearntModel, full: Array | None) -> list[Entry]:
-    levels = [level_flight(learnt, speed) for speed in airspeeds_of(learnt)]
+    levels = levels_of(learnt)
     pitch = Entry("FW_PSP_OFF", float(np.degrees(levels[0].alpha)), what="deg, pitch at trim")
     return [*airspeeds(learnt, levels), pitch, *([] if full is None else px4_trims(learnt, levels, full))]
 
 
-def airspeeds(learnt: LearntModel, levels: list[LevelFlight]) -> list[Entry]:
-    """Calibrated airspeeds [m/s]: nothing slower or faster than what was learnt."""
-    trim, low, high = (level.calibrated_airspeed for level in levels)
+def levels_of(learnt: LearntModel) -> list[LevelFlight]:
+    """Level flight at FW_AIRSPD_TRIM, MIN and MAX: no slower than what was learnt and than the largest lift carries.
+
+    Raises InputError where the model has none.
+    """
+    trim, low, high = airspeeds_of(learnt)
+    level = level_flight(learnt, trim)
+    low = max(low, slowest(learnt) * float(np.sqrt(SEA_LEVEL_DENSITY / level.density)))
+    return [level, level_flight(learnt, low), level_flight(learnt, high)]
+
+
+def slowest(learnt: LearntModel) -> float:
+    """Calibrated airspeed [m/s] of level flight at the largest lift that was flown; 0 where none was."""
     lift = float(lift_coefficient(learnt.flown).max())
     weight = learnt.aircraft.mass * STANDARD_GRAVITY / learnt.aircraft.wing_area
-    slowest = float(np.sqrt(2.0 * weight / (SEA_LEVEL_DENSITY * lift))) if lift > 0.0 else low
-    low = max(low, slowest)
+    return float(np.sqrt(2.0 * weight / (SEA_LEVEL_DENSITY * lift))) if lift > 0.0 else 0.0
+
+
+def airspeeds(learnt: LearntModel, levels: list[LevelFlight]) -> list[Entry]:
+    """Calibrated airspeeds [m/s] of ``levels_of``, and that of the stall, which is not above the lowest."""
+    trim, low, high = (level.calibrated_airspeed for level in levels)
+    stall = min(slowest(learnt) or low, low)
     return [
-        Entry(
-            "FW_AIRSPD_STALL", min(slowest, low), what="m/s, level flight at the largest lift flown: no stall was seen"
-        ),
-        Entry("FW_AIRSPD_MIN", low, what="m/s, the slowest that was learnt"),
+        Entry("FW_AIRSPD_STALL", stall, what="m/s, level flight at the largest lift flown: no stall was seen"),
+        Entry("FW_AIRSPD_MIN", low, what="m/s, the slowest that was learnt and that the lift flown carries"),
         Entry("FW_AIRSPD_TRIM", trim, what="m/s, the median of the flight"),
         Entry("FW_AIRSPD_MAX", high, what="m/s, the fastest that was learnt"),
     ]

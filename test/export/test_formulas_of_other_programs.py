@@ -15,7 +15,9 @@ import numpy as np
 import pytest
 from models import with_terms
 
+from aircraft_sysid_ros.export import px4
 from aircraft_sysid_ros.export.ardupilot_sitl import export_ardupilot_sitl
+from aircraft_sysid_ros.export.gains import _trims
 from aircraft_sysid_ros.export.gazebo import export_gazebo
 from aircraft_sysid_ros.export.px4 import PULL_REQUEST, export_px4
 from aircraft_sysid_ros.export.targets import reached
@@ -302,6 +304,24 @@ def test_px4s_trims_hold_level_flight(learnt, with_trims):
     p = read_params(with_trims.content)
     assert p["FW_AIRSPD_STALL"] <= p["FW_AIRSPD_MIN"] < p["FW_AIRSPD_TRIM"] < p["FW_AIRSPD_MAX"]
     density = float(np.median(2.0 * learnt.signal("qbar") / learnt.signal("V") ** 2))
+    assert density == pytest.approx(DENSITY, abs=0.02)
+    hold_level_flight(learnt, p)
+
+
+def test_px4s_trims_are_of_its_lowest_airspeed_where_that_is_not_the_slowest_that_was_flown(learnt):
+    """They had been those of an airspeed at which the lift that was flown does not carry the weight."""
+    heavy = replace(learnt, aircraft=replace(learnt.aircraft, mass=1.8 * learnt.aircraft.mass))
+    slowest = float(learnt.signal("V").min()) * np.sqrt(DENSITY / 1.225)
+    p = {entry.name: entry.value for entry in px4._entries(heavy, FULL)}
+    assert p["FW_AIRSPD_STALL"] == pytest.approx(p["FW_AIRSPD_MIN"]) and p["FW_AIRSPD_MIN"] > 1.02 * slowest
+    hold_level_flight(heavy, p)
+    trims = _trims(heavy, FULL)  # of gains
+    assert trims["FW_DTRIM_P_VMIN"] == p["FW_DTRIM_P_VMIN"]
+    assert any("0.9 of FW_AIRSPD_MIN" in note for note in export_px4(heavy, None).notes)
+
+
+def hold_level_flight(learnt, p):
+    """Parameters of PX4 by name leave no moment at trim and at both ends of the airspeeds."""
     signs = np.sign([learnt.value("Cm_de"), learnt.value("Cl_da"), learnt.value("Cn_dr")])
     for end, speed in (("", "TRIM"), ("VMIN", "MIN"), ("VMAX", "MAX")):
         command = np.array(
@@ -315,7 +335,6 @@ def test_px4s_trims_hold_level_flight(learnt, with_trims):
         assert ours(learnt, point)[3:] == pytest.approx(0.0, abs=3e-5)
         if not end:
             assert p["FW_PSP_OFF"] == pytest.approx(np.degrees(alpha), abs=0.02)
-    assert density == pytest.approx(DENSITY, abs=0.02)
 
 
 def weight_angle(learnt, weight, de):
