@@ -27,7 +27,7 @@ from aircraft_sysid_ros.aircraft.named_inputs import NamedInput, inputs_of
 from aircraft_sysid_ros.aircraft.sensor_settings import DEFAULT_PROCESS_NOISE, Sensor, process_noise_of, sensors_of
 from aircraft_sysid_ros.aircraft.shape import check_place, check_shape
 from aircraft_sysid_ros.aircraft.signals import MOST_INPUTS
-from aircraft_sysid_ros.errors import InputError, echo
+from aircraft_sysid_ros.errors import InputError, echo, one_line
 from aircraft_sysid_ros.yaml_file import read_yaml
 
 Vector = npt.NDArray[np.float64]
@@ -221,9 +221,13 @@ def inertia_matrix(xx: float, yy: float, zz: float, xz: float) -> Vector:
 
 
 def _name(value: Any) -> str:
+    """On one line, since it stands in comments of other programs' files."""
     if isinstance(value, bool) or not isinstance(value, (str, int, float)) or not str(value).strip():
         reject("name", "text (in quotes where YAML would not read it as text)", value)
-    return str(value)
+    name = " ".join(str(value).split())
+    if one_line(name) != name:
+        reject("name", "text that prints", value)
+    return name
 
 
 def _positive(data: Mapping[str, Any], key: str, default: float | None = None) -> float:

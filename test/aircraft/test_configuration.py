@@ -117,6 +117,7 @@ BAD = {
     "binary file": (b"\x89HDF\r\n\x1a\n\xff\xfe\x00", "not text in UTF-8"),
     "name that is false": (MINIMAL.replace("Small", "no"), "name must be text .*, not false"),
     "name of blanks": (MINIMAL.replace("Small", "'  '"), "name must be text"),
+    "name that does not print": (MINIMAL.replace("Small", '"a\\x07b"'), "name must be text that prints, not 'ab'"),
     "name that is a list": (MINIMAL.replace("Small", "[a]"), "name must be text .*, not a list"),
     "inertia as number": (
         MINIMAL.replace("{xx: 0.07, yy: 0.09, zz: 0.15, xz: 0.014}", "3"),
@@ -264,6 +265,12 @@ def test_a_bad_file_is_one_line_that_names_the_file_and_the_key(tmp_path, text, 
     line = str(raised.value)
     assert str(tmp_path / "small.yaml") in line
     assert len(line.splitlines()) == 1 and line.isprintable() and len(line) < 800
+
+
+def test_a_name_is_one_line(tmp_path):
+    """It stands in comments of parameter files, which a second line would end."""
+    text = MINIMAL.replace("name: Small", "name: |\n  Small\n  FW_AIRSPD_MIN 3")
+    assert loaded(tmp_path, text).name == "Small FW_AIRSPD_MIN 3"
 
 
 def test_a_file_that_is_not_there_and_a_folder_are_named(tmp_path):
