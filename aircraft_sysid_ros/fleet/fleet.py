@@ -23,7 +23,7 @@ from aircraft_sysid_ros.fleet.flight_task import (
     program_key,
     program_place,
 )
-from aircraft_sysid_ros.fleet.flights import Files, Flight, flights_of
+from aircraft_sysid_ros.fleet.flights import Files, Flight, check_run_folders, flights_of
 from aircraft_sysid_ros.fleet.folder import FLIGHTS, is_fleet
 from aircraft_sysid_ros.fleet.page import require_jinja2, write_page
 from aircraft_sysid_ros.fleet.priors import write_priors
@@ -151,6 +151,8 @@ def fly_fleet(asked: Asked, tell: Callable[[str, int, int], None], say: Callable
     require_pyarrow()
     require_jinja2()
     flights = flights_of(asked.sources, asked.files, asked.out)
+    if asked.runs:
+        check_run_folders(flights)
     results = Results(asked.out)
     with results.held():
         answers, jobs = _jobs(flights, asked, tell)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import csv
 import glob
+import itertools
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -102,6 +103,17 @@ def flights_of(sources: Sequence[str], files: Files, out: Path) -> list[Flight]:
     for flight in found:
         _check_files(flight, checked)
     return found
+
+
+def check_run_folders(flights: Sequence[Flight]) -> None:
+    """Raises InputError where the run of one flight would lie in that of another, as N1/7 in N1."""
+    parts = sorted((Path(flight.name).parts, flight.name) for flight in flights)
+    for (outer, name), (inner, other) in itertools.pairwise(parts):
+        if inner[: len(outer)] == outer:
+            raise InputError(
+                f"with --runs the run of {other} would lie in that of {name}: give them other names in a list "
+                "(docs/fleet.md), or leave out --runs"
+            )
 
 
 def _check_files(flight: Flight, checked: set[Path]) -> None:

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.fleet import flight_task
-from aircraft_sysid_ros.fleet.flights import Files, flights_of
+from aircraft_sysid_ros.fleet.fleet import Asked, fly_fleet
+from aircraft_sysid_ros.fleet.flights import Files, check_run_folders, flights_of
 from aircraft_sysid_ros.reconstruction.absences import NoAirspeedError
 
 
@@ -174,6 +176,26 @@ def test_a_bad_list_is_one_sentence(place, text, said):
     with pytest.raises(InputError) as caught:
         found(place, "list.yaml")
     assert said in str(caught.value)
+
+
+def test_the_run_of_one_flight_does_not_lie_in_that_of_another(place):
+    """The run of N1 had deleted that of N1/1, or the other way round; without runs both are flights."""
+    (place / "fleet/N1.mcap").touch()
+    listed = flights_of([str(place / "fleet")], Files(str(place / "one.yaml")), place / "out")
+    with pytest.raises(InputError, match="the run of N1/1 would lie in that of N1: give them other names in a list"):
+        check_run_folders(listed)
+    check_run_folders([flight for flight in listed if flight.name != "N1"])
+    asked = Asked([str(place / "fleet")], Files(str(place / "one.yaml")), place / "out", 0, 60.0, runs=True)
+    with pytest.raises(InputError, match="would lie in that of"):
+        fly_fleet(asked, lambda *said: None, print)
+    assert not (place / "out").exists()
+
+
+@pytest.mark.parametrize("name", ["N1/1", "./N1/1", "N1//1/."])
+def test_two_names_of_one_folder_are_found(place, name):
+    flight = flights_of([str(place / "fleet/N1/1.mcap")], Files(str(place / "one.yaml")), place / "out")[0]
+    with pytest.raises(InputError, match="would lie in that of"):
+        check_run_folders([replace(flight, name="N1/1/x"), replace(flight, name="N1/10"), replace(flight, name=name)])
 
 
 def test_what_is_not_there(place):
