@@ -194,4 +194,3 @@ def evaluate_term_rows(
         for k in range(len(offsets) - 1):
             if not np.isfinite(out[i, k]) and is_undefined(out[i, k], code, offsets[k], offsets[k + 1], rows[i]):
                 out[i, k] = 0.0
-
