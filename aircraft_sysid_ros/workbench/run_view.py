@@ -41,8 +41,8 @@ from aircraft_sysid_ros.workbench.views.states import StateHistory
 Array = npt.NDArray[np.float64]
 Progress = Callable[[str, float], None]
 
-#: Files of a signature that are the flight itself; the others are what is said of it.
-_OF_FLIGHT = 5
+#: Files of a signature that are the flight itself, the others are what is said of it; place of the diagnosis among it.
+_OF_FLIGHT, _AT_DIAGNOSIS = 5, 6
 #: What a diagnosis and its candidates must have to be shown.
 _OF_DIAGNOSIS = {"model", "verdict", "candidates", "advice"}
 _OF_CANDIDATE = {
@@ -76,6 +76,7 @@ class RunView:
     labels: Labels = field(default_factory=dict)  # names and notes of versions, the newest last
     refined: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)  # of the current version, by method
     recorded: float | None = None  # [s] of the recording, of which only settled flight is compared
+    unwritten: Mapping[str, Any] | None = None  # the diagnosis where the run could not take it
     undoable: frozenset[str] = frozenset()  # work of the page that can be taken back, as in undo.written
 
     @property
@@ -143,6 +144,8 @@ def load_run_view(
     versions, notes = versions_of(run)
     if last is not None and last.signature[:_OF_FLIGHT] != signature[:_OF_FLIGHT]:
         last = None
+    is_newest = last is not None and last.signature[_AT_DIAGNOSIS] == signature[_AT_DIAGNOSIS]
+    unwritten = last.unwritten if last is not None and is_newest else None
     progress("reconstructing the flight", 0.1)
     flights = _Flights(run, last)
     comparisons: dict[str, Comparison] = {}
@@ -167,7 +170,7 @@ def load_run_view(
         changes=tuple(run.current.changes),
         versions=tuple(versions),
         comparisons=comparisons,
-        diagnosis=_diagnosis(run.path, notes),
+        diagnosis=_diagnosis(run.path, notes) if unwritten is None else unwritten,
         parameters={v.identifier: _parameters(run, v) for v in versions},
         notes=(*unread, *current.notes, *notes),
         can_diagnose=run.samples is not None,
@@ -176,6 +179,7 @@ def load_run_view(
         labels=_labels(run.path, notes),
         refined=_refined(folder_of(run, run.current)),
         recorded=recorded,
+        unwritten=unwritten,
         undoable=frozenset(name for name, target in written(run).items() if target.can_be_undone),
     )
 

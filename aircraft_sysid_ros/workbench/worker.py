@@ -10,7 +10,7 @@ import multiprocessing
 import signal
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
@@ -121,13 +121,15 @@ class Desk:
         return ""
 
     def _diagnose(self, job: Job) -> str:
-        from aircraft_sysid_ros.diagnosis.flight_answer import diagnose_run
-        from aircraft_sysid_ros.run_reader import DIAGNOSIS
-        from aircraft_sysid_ros.run_writer import write_json
+        from aircraft_sysid_ros.after_flight.diagnose import diagnose
+        from aircraft_sysid_ros.json_text import without_nan
 
-        result, folder = diagnose_run(self.path, progress=self.progress)
-        write_json(folder / DIAGNOSIS, {**result, "file": str(folder / DIAGNOSIS)})
-        return str(result["advice"])
+        found = diagnose([self.path], tell=self.progress)
+        if found["file"] is not None:
+            return str(found["advice"])
+        if self._view is not None:
+            self._view = replace(self._view, unwritten=without_nan(found))
+        return f"{found['advice']} The run cannot be written to, so the page alone has this."
 
     def _add(self, job: Job) -> str:
         from aircraft_sysid_ros.diagnosis.model_versions.additions import add

@@ -3,10 +3,10 @@
 import sys
 from functools import partial
 
+from aircraft_sysid_ros.after_flight import diagnose
 from aircraft_sysid_ros.commands.main import main
-from aircraft_sysid_ros.diagnosis import flight_answer
 
-flight_answer.diagnose_run = partial(flight_answer.diagnose_run, replicas=2)
+diagnose.diagnose = partial(diagnose.diagnose, replicas=2)
 
 if __name__ == "__main__":
     sys.exit(main(sys.argv[1:]))

@@ -8,10 +8,12 @@ import re
 from dataclasses import replace
 from html import unescape
 from html.parser import HTMLParser
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from aircraft_sysid_ros.after_flight import diagnose
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.commands.main import main
 from aircraft_sysid_ros.diagnosis.frequency_responses import RateResponse, rate_responses
@@ -35,6 +37,7 @@ from aircraft_sysid_ros.workbench.views import (
 from aircraft_sysid_ros.workbench.views import (
     numbers as tables_of_numbers,
 )
+from aircraft_sysid_ros.workbench.worker import DIAGNOSE, LOAD, Desk, Job
 
 
 @pytest.fixture(scope="module")
@@ -460,6 +463,25 @@ def test_a_diagnosis_that_cannot_be_read_is_a_note(view, run, content) -> None:
     (run / "diagnosis.json").write_text(content, encoding="utf8")
     damaged = load_run_view(run, view)
     assert damaged.diagnosis is None and "diagnosis.json of the run cannot be read: diagnose again" in damaged.notes
+
+
+def test_a_diagnosis_that_cannot_be_written_is_shown_all_the_same(view, run, monkeypatch) -> None:
+    """The finished answer had been thrown away for its copy."""
+    found = {"model": view.current, "verdict": "none", "advice": "None.", "candidates": [], "left": np.nan}
+
+    def refuse(path, content):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(diagnose, "diagnose_run", lambda folder, replicas, tell: (dict(found), Path(folder)))
+    monkeypatch.setattr(diagnose, "write_json", refuse)
+    desk = Desk(str(run), lambda what, share: None)
+    desk._view = view
+    done = desk.do(Job(DIAGNOSE))
+    assert done.view.diagnosis == {**found, "left": None, "file": None}
+    assert done.sentence == "None. The run cannot be written to, so the page alone has this."
+    assert desk.do(Job(LOAD)).view.diagnosis == done.view.diagnosis
+    (run / "diagnosis.json").write_text(json.dumps({**found, "left": 0, "advice": "Another."}), encoding="utf8")
+    assert desk.do(Job(LOAD)).view.diagnosis["advice"] == "Another."
 
 
 @pytest.mark.long
