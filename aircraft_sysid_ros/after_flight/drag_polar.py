@@ -42,6 +42,8 @@ POWER, THRUST, GLIDING = "power", "thrust", "gliding"
 WINDOW, BETWEEN, STEP = 10.0, 1.0, 0.1
 #: Number of windows that are left out together: gusts up and down, and windows that overlap, are correlated for less.
 _BLOCK = round(2.0 * WINDOW / BETWEEN)
+#: How far apart windows overlap, or one ends where the other begins.
+_SHARING = round(WINDOW / BETWEEN)
 #: Least flight [s], number of windows that do not overlap, and range of C_L² of which anything is said.
 LEAST_FLIGHT, _LEAST_RANGE = 8.0 * WINDOW, 0.02
 #: A value of which more than this share is doubt is not to be used, nor any where less is explained, as of parameters.
@@ -313,7 +315,8 @@ def fit(windows: Windows, method: str) -> DragPolar:
     drag = windows.pushed + efficiency * windows.brought - windows.gained
     points = np.column_stack([np.sqrt(windows.drag[:, 1] / windows.drag[:, 0]), drag / windows.drag[:, 0]])
     return DragPolar(
-        names, values, _covariance(columns, wanted, windows.number), _explained(columns, wanted), len(wanted),
+        names, values, _covariance(columns, wanted, windows.number),
+        _explained(columns, wanted, windows.number), len(wanted),
         len(windows.speed) * STEP, _range(windows.lift), _range(windows.speed), float(np.mean(windows.density)), points,
     )  # fmt: skip
 
@@ -336,13 +339,21 @@ def _covariance(columns: Array, wanted: Array, number: npt.NDArray[np.int64]) ->
     return np.asarray(wider**2 * (len(names) - 1) / len(names) * spread.T @ spread)
 
 
-def _explained(columns: Array, wanted: Array) -> float:
-    """Share of the variance that goes, on stretches that were not fitted."""
-    fold = np.arange(len(wanted)) * _FOLDS // len(wanted)
+def _explained(columns: Array, wanted: Array, number: npt.NDArray[np.int64]) -> float:
+    """Share of the variance that goes, on a fifth of the flight at a time, without windows that share data with it.
+
+    Around an event that comes once, such windows would fit what they are judged by.
+    """
+    at = np.arange(len(wanted))
+    fold = at * _FOLDS // len(wanted)
     left = np.empty_like(wanted)
-    for number in range(_FOLDS):
-        held = fold == number
-        left[held] = wanted[held] - columns[held] @ _solved(columns[~held], wanted[~held])
+    for part in range(_FOLDS):
+        held = fold == part
+        first, last = np.flatnonzero(held)[[0, -1]]
+        before = (at >= first - _SHARING) & (number == number[first])
+        after = (at <= last + _SHARING) & (number == number[last])
+        fitted = np.where(at < first, ~before, (at > last) & ~after)
+        left[held] = wanted[held] - columns[held] @ _solved(columns[fitted], wanted[fitted])
     return 1.0 - float(np.mean(left**2) / np.var(wanted))
 
 

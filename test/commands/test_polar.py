@@ -55,6 +55,15 @@ def test_standard_errors_hold_what_is_correlated():
     assert np.all((inside >= 180) & (inside <= 198)), inside
 
 
+@pytest.mark.parametrize(("borders", "explained"), [((), 0.0), ((14,), 1.0)])
+def test_a_window_is_not_held_out_from_those_that_share_its_data(borders, explained):
+    """Of 70 windows the first fold ends at the 14th: what happened there was in the fit of the next one, too."""
+    columns, number = np.zeros((70, 2)), np.searchsorted(borders, np.arange(70), side="right")
+    columns[:, 0], columns[[13, 14], 1] = 1.0, 1.0
+    found = module._explained(columns, columns[:, 1], number)
+    assert found == pytest.approx(explained, abs=0.05)
+
+
 def test_best_glide_follows_from_the_polar():
     said = polar_json(fit(windows(1, 0.5, False), GLIDING), 5.0, 0.8, 0.0)
     ratio = 0.5 / np.sqrt(TRUE["CD0"] * TRUE["k"])
