@@ -22,12 +22,14 @@ _TESLA_PER_GAUSS = 1e-4
 _KELVIN = 273.15
 _FIX_2D = 2
 _INVALID = 2**31 - 1  # of a relative time: the values that it belongs to are none
-_SENSORS = (1, 2, 3)  # of airspeed_source: what is not one of them is an estimate without an airspeed sensor
+#: Fields that say what a validated airspeed is of, the second up to PX4 1.15; what is not one of the sensors is an
+#: estimate without an airspeed sensor, or none.
+AIRSPEED_SOURCES, _SENSORS = ("airspeed_source", "selected_airspeed_index"), (1, 2, 3)
 _LONGEST_DELAY = 1_000_000  # [us] from sample to message: a sample that is older was not filled in
 #: Fields that say when a sample was taken, best first.
 TIMES = ("timestamp_sample", "timestamp")
 #: Fields that count where a message has them.
-OPTIONAL = (*TIMES, "airspeed_source", "accelerometer_timestamp_relative")
+OPTIONAL = (*TIMES, *AIRSPEED_SOURCES, "accelerometer_timestamp_relative")
 
 
 def sample_time(fields: Fields) -> Stamps:
@@ -47,8 +49,9 @@ def _sensor_combined(fields: Fields) -> Array:
 def _validated(fields: Fields) -> Array:
     """Calibrated airspeed, where a sensor is behind it: it may be ground speed less wind, or made of the throttle."""
     speed = columns(fields, "calibrated_airspeed_m_s")
-    if "airspeed_source" in fields:
-        speed[~np.isin(fields["airspeed_source"], _SENSORS)] = np.nan
+    for name in AIRSPEED_SOURCES:
+        if name in fields:
+            speed[~np.isin(fields[name], _SENSORS)] = np.nan
     return speed
 
 

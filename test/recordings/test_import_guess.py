@@ -17,6 +17,7 @@ from aircraft_sysid_ros.commands.main import main
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.recordings.mat_import import import_mat
 from aircraft_sysid_ros.recordings.reader import read_recording
+from aircraft_sysid_ros.recordings.tables import read_table
 from aircraft_sysid_ros.recordings.tabular.column_map import load_column_map, parse_column_map
 from aircraft_sysid_ros.recordings.tabular.guess.first_map import guess_map, map_text
 from aircraft_sysid_ros.recordings.tabular.guess.names import guess_name
@@ -235,6 +236,22 @@ def test_a_time_of_sampling_that_px4_does_not_fill_in_is_not_the_time(taken, col
     layouts.write_rows(tmp_path / "log_airspeed_0.csv", ["timestamp", "true_airspeed_m_s"], [time, np.full(50, 17.0)])
     times = {part.file: part.time.column for part in guess_map(tmp_path).parts}
     assert times == {"log_sensor_gps_0.csv": column, "log_airspeed_0.csv": "timestamp"}
+
+
+@pytest.mark.parametrize("source", ["airspeed_source", "selected_airspeed_index"])
+def test_an_airspeed_of_px4_that_no_sensor_measured_is_none(source, tmp_path):
+    """Ground speed less wind was taken as measured."""
+    time, speed = 50_000_000 + 100_000 * np.arange(60), np.full(60, 17.0)
+    layouts.write_rows(
+        tmp_path / "log_airspeed_validated_0.csv",
+        ["timestamp", "true_airspeed_m_s", source],
+        [time, speed, np.repeat([-1, 0, 1, 2, 3, 4], 10)],
+    )
+    layouts.write_rows(tmp_path / "log_vehicle_air_data_0.csv", ["timestamp", "baro_pressure_pa"], [time, 5e3 * speed])
+    assert main(["import", str(tmp_path), "--out", str(tmp_path / "bag")]) == 0
+    air = read_table(tmp_path / "bag", "air_data")
+    known = np.isfinite(air.fields["true_airspeed"])
+    np.testing.assert_allclose(1e-9 * (air.stamp[known] - air.stamp[0]), np.arange(2.0, 5.0, 0.1), atol=1e-6)
 
 
 @pytest.mark.long

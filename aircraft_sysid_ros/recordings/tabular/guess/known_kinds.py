@@ -8,8 +8,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from aircraft_sysid_ros.mavlink.px4_table import TIMES
+from aircraft_sysid_ros.mavlink.px4_table import AIRSPEED_SOURCES, TIMES
 from aircraft_sysid_ros.mavlink.servo_mapping import ServoMapping
+from aircraft_sysid_ros.recordings.tabular.column_expression import parse_column_expression
 from aircraft_sysid_ros.recordings.tabular.guess.known_line import KnownLine
 from aircraft_sysid_ros.recordings.tabular.guess.quaternions import euler_expressions
 from aircraft_sysid_ros.recordings.tabular.guess.servo_lines import calibrated, outputs_topic, uncalibrated
@@ -53,6 +54,12 @@ def _attitude_of_ros() -> list[KnownLine]:
     ]
 
 
+def _of_a_sensor(source: str) -> KnownLine:
+    """True airspeed where the column that says what it is of names a sensor, 1 to 3."""
+    masked = f"true_airspeed_m_s+0*sqrt(min({source}-1, 3-{source}))"
+    return KnownLine("true_airspeed", "", "m/s", expression=masked, why=f"where {source} is a sensor, 1 to 3")
+
+
 _FLU = (1.0, -1.0, -1.0)
 _IMU_OF_ROS = [
     *_vector("specific_force", [f"field.linear_acceleration.{a}" for a in _VECTOR], "m/s^2", _FLU),
@@ -86,7 +93,9 @@ _PX4: dict[str, list[KnownLine]] = {
         KnownLine("altitude", "alt", "mm"),
         *_vector("velocity", ["vel_n_m_s", "vel_e_m_s", "vel_d_m_s"], "m/s"),
     ],
-    "airspeed_validated": [KnownLine("true_airspeed", "true_airspeed_m_s", "m/s")],
+    "airspeed_validated": [
+        *(_of_a_sensor(source) for source in AIRSPEED_SOURCES), KnownLine("true_airspeed", "true_airspeed_m_s", "m/s"),
+    ],
     "airspeed": [KnownLine("true_airspeed", "true_airspeed_m_s", "m/s")],
     "vehicle_air_data": [
         KnownLine("static_pressure", "baro_pressure_pa", "Pa"), KnownLine("air_density", "rho", "kg/m^3"),
@@ -242,8 +251,8 @@ def _chosen(
 
 
 def _has(table: Table, line: KnownLine) -> bool:
-    wanted = re.findall(r"q\[\d\]|field\.orientation\.\w", line.expression) if line.expression else [line.column]
-    if not all(column in table.columns for column in wanted if column):
+    wanted = parse_column_expression(line.expression).columns if line.expression else [line.column]
+    if not all(column in table.columns for column in wanted):
         return False
     if not line.unless_zero:
         return True
