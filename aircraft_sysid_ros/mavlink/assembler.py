@@ -230,6 +230,12 @@ class Assembler:
             )
         return found
 
+    @property
+    def _corrects_airspeed(self) -> bool:
+        """Whether the calibration file has numbers for an airspeed: they are for the one that is preferred live."""
+        mapping = self.mapping
+        return (mapping.airspeed_meaning, mapping.airspeed_scale, mapping.airspeed_offset) != (None, 1.0, 0.0)
+
     def choose(self, readings: Iterable[Reading]) -> None:
         """A whole log is at hand: of each quantity the best source of it that says something, throughout."""
         self._keep = None
@@ -241,7 +247,8 @@ class Assembler:
             there = [name for name in order if (quantity, name) in usable]
             there.sort(key=lambda name: not usable[quantity, name])
             best = there[:1]
-            for name in there[1:]:
+            is_free = quantity is not Quantity.AIRSPEED or not self._corrects_airspeed
+            for name in there[1:] if is_free else ():
                 if {name, *best} in _ALIKE and usable[quantity, name] > _DENSER * usable[quantity, best[0]]:
                     best = [name]
             self._ranks[quantity] = tuple(best)

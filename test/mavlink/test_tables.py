@@ -301,6 +301,16 @@ def test_of_sources_of_one_quality_a_log_gives_the_denser():
     assert {o.source for o in made} == {"sensor_gps", "airspeed (indicated)"}
 
 
+@pytest.mark.parametrize("correction", [{"meaning": "indicated"}, {"scale": 1.1}, {"offset": -0.5}])
+def test_a_correction_of_the_airspeed_is_for_the_one_that_counts_live(correction):
+    """It was put on PX4's calibrated airspeed where a log has more of that."""
+    rates = {"airspeed": 1.0, "airspeed_validated": 5.0}
+    readings = [reading(Quantity.POSITION, "sensor_gps", 5.0, [0.8, -1.6, 300.0, 1.0, 1.0, 4.0, 0.0])]
+    readings += [reading(Quantity.AIRSPEED, source, rate, [20.0]) for source, rate in rates.items()]
+    made, _ = assembled(readings, PX4, servo_mapping_from_dict({"airspeed": correction}))
+    assert [(o.source, len(o.stamp)) for o in made if o.topic == "air_data"] == [("airspeed (indicated)", 20)]
+
+
 def test_each_engine_tells_its_own_speed():
     speeds = reading(Quantity.PROPELLER, "ESC", 20.0, [np.nan, np.nan])
     speeds.values[::2, 0], speeds.values[1::2, 1] = 6000.0, 5400.0
