@@ -15,14 +15,22 @@ from aircraft_sysid_ros.errors import InputError
 
 def write_whole(path: Path, content: str | bytes) -> None:
     """Write beside the file and rename, so that whoever reads it finds all of it; raises OSError."""
+    with _beside(path, content) as part:
+        os.replace(part, path)
+
+
+@contextlib.contextmanager
+def _beside(path: Path, content: str | bytes) -> Iterator[Path]:
+    """A file beside with the content, gone afterwards; an OSError is that of ``path``: nobody knows its name."""
     part = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
         part.write_bytes(content.encode() if isinstance(content, str) else content)
-        os.replace(part, path)
+        yield part
     except OSError as error:
+        raise OSError(error.errno, error.strerror, str(path)) from None
+    finally:
         with contextlib.suppress(OSError):
             part.unlink()
-        raise OSError(error.errno, error.strerror, str(path)) from None  # nobody knows the name of the part
 
 
 @contextlib.contextmanager
@@ -62,9 +70,20 @@ def put_in_place(new: Path, target: Path, aside: Path, check: Callable[[], None]
 
 def write_new(path: Path, content: str | bytes) -> None:
     """``write_whole`` where nothing is yet: raises FileExistsError for whatever is there, a link to nowhere as well."""
+    with _beside(path, content) as part:
+        try:
+            os.link(part, path)
+        except FileExistsError:
+            raise
+        except OSError:  # a file system without links
+            _reserve(path)
+            try:
+                os.replace(part, path)
+            except OSError:
+                path.unlink(missing_ok=True)
+                raise
+
+
+def _reserve(path: Path) -> None:
+    """Take a name with an empty file. Raises FileExistsError where it is taken."""
     os.close(os.open(path, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o644))
-    try:
-        write_whole(path, content)
-    except OSError:
-        path.unlink(missing_ok=True)
-        raise

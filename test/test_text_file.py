@@ -1,7 +1,9 @@
 """Files and folders that are there in full or not at all, whoever else writes there."""
 
+import errno
 import multiprocessing
 import os
+from pathlib import Path
 
 import pytest
 
@@ -50,7 +52,15 @@ def test_what_was_there_comes_back_when_the_new_one_cannot_take_its_name(tmp_pat
     assert [f.name for f in tmp_path.iterdir()] == ["old"]
 
 
-def test_a_new_file_takes_no_name_that_is_taken(tmp_path):
+@pytest.mark.parametrize("links", [True, False])
+def test_a_new_file_takes_no_name_that_is_taken(tmp_path, monkeypatch, links):
+    """Also on a file system that has no links."""
+
+    def refuse(source, target):
+        raise PermissionError(errno.EPERM, "Operation not permitted")
+
+    if not links:
+        monkeypatch.setattr(os, "link", refuse)
     (tmp_path / "there").write_text("old")
     (tmp_path / "link").symlink_to(tmp_path / "nowhere")
     for name in ("there", "link"):
@@ -59,6 +69,18 @@ def test_a_new_file_takes_no_name_that_is_taken(tmp_path):
     write_new(tmp_path / "free", "new")
     assert (tmp_path / "free").read_text() == "new" and (tmp_path / "there").read_text() == "old"
     assert sorted(os.listdir(tmp_path)) == ["free", "link", "there"]
+
+
+def ended_while_it_writes(path):
+    Path.write_bytes = lambda self, content: os._exit(1)
+    write_new(path, "new")
+
+
+def test_a_process_that_is_ended_leaves_no_empty_file(tmp_path):
+    process = multiprocessing.get_context("fork").Process(target=ended_while_it_writes, args=(tmp_path / "new",))
+    process.start()
+    process.join()
+    assert process.exitcode == 1 and not (tmp_path / "new").exists()
 
 
 def test_nothing_half_written_stays(tmp_path):
