@@ -22,6 +22,7 @@ from aircraft_sysid_ros.mavlink.airspeed import (
     true_of_impact_pressure,
 )
 from aircraft_sysid_ros.mavlink.quantities import (
+    CLEARLY_MORE,
     FIX_STATUS,
     NEEDED,
     Array,
@@ -82,9 +83,9 @@ SILENCE = 2.0  # [s] after which the next best source takes over
 _PRESSURE_AGE, _DESCENT_AGE, _PROPELLER_AGE, _NAMED_AGE, _ATTITUDE_AGE, _SENSOR_AGE = 5.0, 0.5, 1.0, 1.0, 0.1, 30.0
 _MOTOR_AGE = 1.0
 _OF_SPEED = (Quantity.AIRSPEED, Quantity.IMPACT_PRESSURE)
-#: Sources of one quality, of which that counts in a log which has more than so many times the other's samples: PX4 logs
-#: its receivers once in a second, and the position that it chose of them as often as it comes.
-_ALIKE, _DENSER = ({"sensor_gps", "vehicle_gps_position"}, {"airspeed", "airspeed_validated"}), 1.2
+#: Sources of one quality, of which that counts in a log which has clearly more samples: PX4 logs its receivers once in
+#: a second, and the position that it chose of them as often as it comes.
+_ALIKE = {"sensor_gps", "vehicle_gps_position"}, {"airspeed", "airspeed_validated"}
 _KEPT = 64  # values that a live mapping remembers per quantity
 _MILLISECOND = 1_000_000
 
@@ -249,7 +250,7 @@ class Assembler:
             best = there[:1]
             is_free = quantity is not Quantity.AIRSPEED or not self._corrects_airspeed
             for name in there[1:] if is_free else ():
-                if {name, *best} in _ALIKE and usable[quantity, name] > _DENSER * usable[quantity, best[0]]:
+                if {name, *best} in _ALIKE and usable[quantity, name] > CLEARLY_MORE * usable[quantity, best[0]]:
                     best = [name]
             self._ranks[quantity] = tuple(best)
 

@@ -2,8 +2,8 @@
 
 The reader has applied the formats' own scales (L: 1e-7 degrees, c: 0.01). FRD and NED, SI but for degrees, milligauss
 and microseconds of the servos. Where a message has instances (I), the first that is there is taken, of GPS receivers
-that with the most fixes. ARSP.Airspeed is indicated airspeed; AOA is what the autopilot works out, unless a vane feeds
-it.
+another one where that has clearly more fixes. ARSP.Airspeed is indicated airspeed; AOA is what the autopilot works out,
+unless a vane feeds it.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from aircraft_sysid_ros.mavlink.quantities import (
     Table,
     columns,
     entry,
+    first_of_most,
     position_of_fix,
     quaternion_of_euler,
 )
@@ -35,13 +36,17 @@ def _first(fields: Fields, values: Array) -> Array:
     return values
 
 
-def _receiver(fields: Fields, values: Array) -> Array:
-    """Values of the GPS receiver alone that has the most fixes, of equal ones the first."""
-    if "I" not in fields or not len(values):
-        return values
+def receivers(fields: Fields) -> list[int]:
+    """Instances of GPS receivers, before all that which is read: the first, unless another has clearly more fixes."""
     instances, which = np.unique(fields["I"], return_inverse=True)
-    fixes = np.bincount(which[fields["Status"] >= _FIX_3D], minlength=len(instances))
-    values[which != np.argmax(fixes)] = np.nan
+    best = first_of_most(np.bincount(which[fields["Status"] >= _FIX_3D], minlength=len(instances)))
+    return [int(instances[best]), *np.delete(instances, best).tolist()]
+
+
+def _receiver(fields: Fields, values: Array) -> Array:
+    """Values of the GPS receiver alone that is read."""
+    if "I" in fields and len(values):
+        values[fields["I"] != receivers(fields)[0]] = np.nan
     return values
 
 

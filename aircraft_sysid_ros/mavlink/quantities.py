@@ -84,6 +84,16 @@ class Entry:
     needs: tuple[str, ...]
 
 
+#: So many times the samples of another source, or the fixes of another receiver, are clearly more.
+CLEARLY_MORE = 1.2
+
+
+def first_of_most(counts: npt.ArrayLike) -> int:
+    """Which counts of the first, unless another has clearly more; ``counts`` (n,) of each."""
+    of_each = np.asarray(counts)
+    return int(np.argmax(CLEARLY_MORE * of_each >= of_each.max()))
+
+
 def is_sound(reading: Reading) -> bool:
     """Whether there is a number wherever one is needed."""
     return bool(np.all(np.isfinite(reading.values[:, : NEEDED.get(reading.quantity, 0)])))

@@ -18,7 +18,7 @@ import numpy.typing as npt
 
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.installation import MissingExtra
-from aircraft_sysid_ros.mavlink.dataflash_table import DATAFLASH
+from aircraft_sysid_ros.mavlink.dataflash_table import DATAFLASH, receivers
 from aircraft_sysid_ros.mavlink.quantities import Batch
 from aircraft_sysid_ros.mavlink.servo_mapping import ServoMapping
 from aircraft_sysid_ros.recordings.autopilot_log import NO_DATE, LogContent, gps_nanoseconds, import_content
@@ -95,6 +95,7 @@ def read_dataflash(path: Path) -> LogContent:
     if damaged:
         names = ", ".join(damaged)
         notes.append(f"what the file says about the layout of {names} is damaged: none of those could be read")
+    notes += _receiver_notes(tables.get("GPS", {}))
     notes += _output_notes(tables.get("PARM"))
     batches = [
         Batch(name, start + _time(fields), fields)
@@ -236,6 +237,13 @@ def _start(tables: dict[str, dict[str, npt.NDArray[Any]]]) -> tuple[int, list[st
     unix = np.array([gps_nanoseconds(int(gps["GWk"][i]), int(gps["GMS"][i])) for i in good], dtype=np.int64)
     offset = unix - since[good]
     return int(offset[0]) + int(np.median(offset - offset[0])), []
+
+
+def _receiver_notes(gps: dict[str, npt.NDArray[Any]]) -> list[str]:
+    """Which GPS receiver is read where it is not the first."""
+    read, *others = receivers(gps) if {"I", "Status"} <= gps.keys() and len(gps["I"]) else [0]
+    first = min([read, *others])
+    return [f"GPS receiver {read} is read: it has more fixes than receiver {first}"] if read != first else []
 
 
 def _output_notes(parameters: dict[str, npt.NDArray[Any]] | None) -> list[str]:

@@ -13,7 +13,7 @@ import numpy.typing as npt
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.installation import MissingExtra
 from aircraft_sysid_ros.mavlink.px4_table import PX4, TIMES, sample_time
-from aircraft_sysid_ros.mavlink.quantities import Batch
+from aircraft_sysid_ros.mavlink.quantities import Batch, first_of_most
 from aircraft_sysid_ros.mavlink.servo_mapping import ServoMapping
 from aircraft_sysid_ros.recordings.autopilot_log import NO_DATE, LogContent, import_content
 from aircraft_sysid_ros.recordings.imported_log import LATEST, ImportedLog
@@ -46,10 +46,15 @@ def read_ulog(path: Path) -> LogContent:
         raise InputError(f"it is not a readable ULog ({reason})") from None
     items = {(item.name, item.multi_id): item.data for item in log.data_list if TIMES[1] in item.data}
     read: dict[str, int] = {}
-    for name, instance in sorted(items, key=lambda key: (-_fixes(key[0], items[key]), key[1])):
-        read.setdefault(name, instance)
+    receivers = []
+    for name in dict.fromkeys(name for name, _ in items):
+        instances = sorted(instance for other, instance in items if other == name)
+        read[name] = instances[first_of_most([_fixes(name, items[name, instance]) for instance in instances])]
+        if read[name] != instances[0]:
+            receivers.append(f"{name}[{read[name]}] is read: it has more fixes than {name}[{instances[0]}]")
     data = {name: columns for (name, instance), columns in items.items() if instance == read[name]}
     start, notes = _start(data)
+    notes += receivers
     batches = [_batch(name, columns, start) for name, columns in data.items() if name in PX4]
     found = {
         name if instance == read[name] else f"{name}[{instance}]": len(columns[TIMES[1]])
@@ -75,7 +80,7 @@ def _breaks_off(path: Path) -> bool:
 
 
 def _fixes(name: str, columns: dict[str, npt.NDArray[Any]]) -> int:
-    """How many fixes a topic has if it is of a GPS receiver: of several that with the most is read."""
+    """How many fixes a topic has if it is of a GPS receiver: of several the first is read, unless another has more."""
     return int(np.sum(columns.get("fix_type", np.zeros(0)) >= _FIX_3D)) if name in _GPS else 0
 
 

@@ -14,7 +14,15 @@ from aircraft_sysid_ros.mavlink.decoder import Decoder, batch_of, fields_of
 from aircraft_sysid_ros.mavlink.esc_status import EscStatus
 from aircraft_sysid_ros.mavlink.mavlink_table import MAVLINK
 from aircraft_sysid_ros.mavlink.px4_table import PX4
-from aircraft_sysid_ros.mavlink.quantities import FIX_STATUS, Batch, Quantity, Reading, readings_of, with_receiver
+from aircraft_sysid_ros.mavlink.quantities import (
+    FIX_STATUS,
+    Batch,
+    Quantity,
+    Reading,
+    first_of_most,
+    readings_of,
+    with_receiver,
+)
 from aircraft_sysid_ros.mavlink.servo_mapping import servo_mapping_from_dict
 from aircraft_sysid_ros.recordings.autopilot_log import assembled
 from aircraft_sysid_ros.ros_messages.conversion import to_samples
@@ -216,6 +224,11 @@ def test_logs_count_fixes_as_mavlink_does():
         assert position.stamp.tolist() == [1, 2, 3, 4, 5, 6]  # without a receiver there is nothing to say
         assert position.values[:, FIX_STATUS].tolist() == [-1, -1, 0, 1, 2, 2]
         assert np.isfinite(position.values[:, 0]).tolist() == [False, False, True, True, True, True]
+
+
+def test_one_fix_more_does_not_decide_between_receivers():
+    assert first_of_most([100, 101]) == first_of_most([100, 120]) == first_of_most([0, 0]) == 0
+    assert first_of_most([100, 121]) == first_of_most([0, 1]) == 1
 
 
 @pytest.mark.parametrize(("kinds", "best"), [((1, 6), 1), ((3, 6), 0), ((1, 1), 0)])

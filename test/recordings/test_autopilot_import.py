@@ -360,7 +360,23 @@ def test_of_a_ulog_the_receiver_with_fixes_is_read_and_other_instances_are_named
     assert report["found"]["vehicle_gps_position"] == {"messages": len(rows), "state": "mapped"}
     left_out = "vehicle_gps_position[1]" if "[" in dead else "vehicle_gps_position[0]"
     assert report["found"][left_out] == {"messages": 7, "state": "not read: another instance is"}
+    note = "vehicle_gps_position[1] is read: it has more fixes than vehicle_gps_position[0]"
+    assert (note in report["notes"]) is (dead == "vehicle_gps_position")
     assert report["found"]["actuator_outputs[1]"] == {"messages": 40, "state": "not read: another instance is"}
+
+
+def test_one_fix_more_is_no_reason_to_leave_the_first_receiver(tmp_path):
+    """The other one was read, and no note said so."""
+    log = tmp_path / "flight.bin"
+    rows = dataflash_rows()
+    fixes = [(name, values) for name, values in rows if name == "GPS"]
+    for count, instance in ((len(fixes) - 1, 0), (len(fixes) // 2, 1)):
+        first = [(name, (*values[:2], 3 if i < count else 1, *values[3:])) for i, (name, values) in enumerate(fixes)]
+        second = [(name, (values[0], 1, *values[2:9], 99_900, *values[10:])) for name, values in fixes]
+        log.write_bytes(dataflash(FORMATS, [*(row for row in rows if row[0] != "GPS"), *first, *second]))
+        report, recording = run_import(log, tmp_path / f"bag{instance}")
+        assert of_kind(recording, Kind.GPS_POSITION).values[0, 2] == (999.0 if instance else 310.0)
+        assert ("GPS receiver 1 is read: it has more fixes than receiver 0" in report["notes"]) is bool(instance)
 
 
 @pytest.mark.parametrize("cut", [0, 5])
