@@ -213,6 +213,11 @@ class FlowAngles:
         """Another flight begins by the same clock."""
         self._drift.begin_flight()
 
+    @property
+    def drifts_since(self) -> float | None:
+        """Time [s] of the first state of the flight, from which the air data drift; None before it."""
+        return self._drift.since
+
     def at(
         self, rows: Array, due: int, series: list[tuple[Array, Array]] | None, settle: float, half_width: float
     ) -> Array:

@@ -68,6 +68,7 @@ class CoefficientBatch(NamedTuple):
     noise: Array  # (m, terms) one sigma of the noise in each term
     vane_noise: Array  # (m, 2, terms) by how much one sigma of the noise of each vane moves it
     weights: Array  # (m, WEIGHT_COLUMNS)
+    drifts_since: float | None = None  # time [s] of the first state of the flight: air data drift from then on
 
     def parts(self, edges: list[int], half_width: float) -> Iterator[CoefficientBatch]:
         """The states between ``edges``, each part with the samples whose windows of ``half_width`` [s] it closes."""
@@ -79,4 +80,5 @@ class CoefficientBatch(NamedTuple):
             yield CoefficientBatch(
                 self.rows[of_states], self.history[of_states], self.body,
                 self.samples[of_samples], self.noise[of_samples], self.vane_noise[of_samples], self.weights[of_samples],
+                self.drifts_since,
             )  # fmt: skip

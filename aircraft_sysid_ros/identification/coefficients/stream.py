@@ -215,8 +215,9 @@ class CoefficientStream:
         oldest = self._next_index * options.step - options.half_width - _MARGIN
         self._history = self._history[int(np.searchsorted(self._history[:, TIME], oldest)) :]
         return CoefficientBatch(
-            rows, history, body, samples[:count], noise[:count], vane_noise[:count], weights[:count]
-        )
+            rows, history, body, samples[:count], noise[:count], vane_noise[:count], weights[:count],
+            self._angles.drifts_since,
+        )  # fmt: skip
 
 
 def is_another_clock(steps: Any, largest_leap: float = LARGEST_LEAP) -> Any:

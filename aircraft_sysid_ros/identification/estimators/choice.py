@@ -37,7 +37,6 @@ from aircraft_sysid_ros.identification.estimators.contract import AxisEstimate
 from aircraft_sysid_ros.identification.estimators.maximum_likelihood import MaximumLikelihoodEstimator
 from aircraft_sysid_ros.identification.options import ParameterOptions
 from aircraft_sysid_ros.identification.trust import TrustRules
-from aircraft_sysid_ros.reconstruction.drift import Drift
 from aircraft_sysid_ros.reconstruction.filter_setup import measured_at, stamp_delays
 from aircraft_sysid_ros.reconstruction.state import StateField, Status
 from aircraft_sysid_ros.samples import Kind, Samples
@@ -93,7 +92,6 @@ class EstimatorChoice:
     def restart_clock(self) -> None:
         """The clock started over: what the flight has shown stays."""
         self._waiting: deque[_Waiting] = deque()
-        self._drift = Drift(self._aircraft)
         self._epoch = 0
         self._vane = np.empty(0), np.empty(0)  # times [s] and values
         if self.successor is not None:
@@ -151,7 +149,6 @@ class EstimatorChoice:
     def consider(self, batch: CoefficientBatch, elapsed: float, trusted: bool) -> None:
         """Look at the first state of a batch, ``elapsed`` [s] after the one before; ``trusted``: so are all sensors."""
         row, history = batch.rows[0], batch.history[0]
-        self._drift.note_states(batch.rows[:1, StateField.TIME], -np.inf)
         time = float(row[StateField.TIME])
         interval = self._interval(time)
         if history[FLYING] > 0.0 and self._options.measured_angles:
@@ -189,7 +186,6 @@ class EstimatorChoice:
             return
         self.why = why
         self.successor.keep_pace(self._pace)
-        self.successor.drift.since = self._drift.since
         for times, samples, _ in self._waiting:
             self.successor.push_samples(samples[times > time], self._epoch)
 

@@ -101,7 +101,7 @@ class MaximumLikelihoodEstimator:
     def __init__(self, aircraft: Aircraft, options: ParameterOptions) -> None:
         self.aircraft, self.options = aircraft, options
         self._names = aircraft.model.parameter_names
-        self._delays, self._scales, self.drift = stamp_delays(aircraft), sensor_scales(aircraft), Drift(aircraft)
+        self._delays, self._scales, self._drift = stamp_delays(aircraft), sensor_scales(aircraft), Drift(aircraft)
         per_knot = max(round(aircraft.sensors["accelerometer"].rate / options.rml_rate), 1)
         self._model = flight_model_of(aircraft, STANDARD_GRAVITY, per_knot)
         self.keep_pace(Pace())
@@ -139,7 +139,6 @@ class MaximumLikelihoodEstimator:
         self._open = (np.empty((0, StateField.WIDTH)), np.empty((0, layout.TERM + len(self._names))))
         self._times, self._samples = np.empty(0), np.empty((0, OUTPUT_SIZE))
         self._dense = DenseEpochs()
-        self.drift.begin_flight()
         self._used_until = -np.inf
         clock = self.recursion.clock
         clock[loop.TIME], clock[loop.RUNNING] = -np.inf, 0.0
@@ -237,7 +236,7 @@ class MaximumLikelihoodEstimator:
 
     def step(self, batch: CoefficientBatch) -> KnownParameters:
         """See ``Estimator``: coefficients at the end of each block of scores."""
-        self.drift.note_states(batch.rows[:, StateField.TIME], -np.inf)
+        self._drift.since = batch.drifts_since
         epochs = self._close_epochs(in_moving_air(batch.rows), batch.history)
         epochs = self._dense.add(epochs, self._tuning.largest_gap if self._pace.is_sparse else 0.0)
         times, known = np.empty(len(epochs.time)), np.empty((len(epochs.time), len(self._names)))
@@ -364,7 +363,7 @@ class MaximumLikelihoodEstimator:
         samples = self._along(self._samples)[0]
         for kind in _AIR_DATA:
             column, kinds = _OUTPUTS[kind][0], np.full(len(samples), kind)
-            samples[:, [column]] = self.drift.without(self._times, kinds, samples[:, [column]])
+            samples[:, [column]] = self._drift.without(self._times, kinds, samples[:, [column]])
         return samples
 
     def _along(self, samples: Array) -> tuple[Array, Odometer]:
