@@ -105,7 +105,7 @@ class DragPolar:
         """USE, or HOLD or REJECT with the reason."""
         doubt = self.std[position] / abs(self.values[position])
         if self.explained < LEAST_EXPLAINED:
-            return "HOLD", f"the balance of energy explains {max(self.explained, 0.0):.0%} of the power"
+            return "HOLD", f"the energy balance explains {max(self.explained, 0.0):.0%} of the power"
         if self.values[position] <= 0.0:
             return "REJECT", "it is not positive"
         if doubt > _MOST_DOUBT:
@@ -131,10 +131,10 @@ def drag_polar(
     if not has_airspeed(run.samples):
         raise InputError("a drag polar needs airspeed, which was not measured")
     if not _has_height(run.samples):
-        raise InputError("a drag polar needs the height: neither static pressure nor the position by GPS was recorded")
+        raise InputError("a drag polar needs the height: neither static pressure nor the GPS position was recorded")
     method = _method(aircraft, run.samples, power, gliding)
     if not 0.0 <= idle <= _MOST_IDLE:
-        raise InputError(f"the power of standing still must be from 0 to {_MOST_IDLE:g} W, not {idle:g}")
+        raise InputError(f"the idle power (--idle) must be from 0 to {_MOST_IDLE:g} W, not {idle:g}")
     folder = folder_to_write(run, run.current)
     found = fit(windows_of(aircraft, run.samples, method, power, idle), method)
     content = {
@@ -177,18 +177,18 @@ def _method(aircraft: Aircraft, samples: Samples, power: str | None, gliding: bo
         return THRUST
     raise InputError(
         "neither thrust nor power is known: name the input that holds the power of propulsion [W] (--power NAME), or "
-        "say --gliding of a flight without propulsion"
+        "give --gliding for a flight without propulsion"
     )
 
 
 def _notes(method: str, idle: float) -> Iterator[str]:
     if method == POWER:
-        yield "one efficiency for the whole flight: one that changes with speed and power goes into the polar"
+        yield "one efficiency for the whole flight: if it changes with speed and power, that goes into the polar"
         if not idle:
-            yield "what avionics draw counts as power of propulsion: --idle W, the power with the motor off"
+            yield "the power of the avionics counts as propulsion: give --idle W, the power with the motor off"
     if method == GLIDING:
-        yield "the flight was said to be without propulsion: a propeller that turns counts as drag, or as less of it"
-    yield "an airspeed that shows 1% too much makes CD0 3% too small, and k 1% too large"
+        yield "the flight is taken as unpowered (--gliding): a propeller that turns counts as drag, or as less drag"
+    yield "an airspeed that reads 1% too high makes CD0 3% too small, and k 1% too large"
 
 
 def _smooth(part: Samples, kind: Kind, column: int, at: Array) -> Array:
@@ -252,8 +252,8 @@ def windows_of(aircraft: Aircraft, samples: Samples, method: str, power: str | N
     low, high = np.percentile(windows.lift**2, (5.0, 95.0))
     if high - low < _LEAST_RANGE:
         raise InputError(
-            f"the lift coefficient stays near {np.median(windows.lift):.2f}: drag at one speed is no polar, fly slow "
-            "and fast"
+            f"the lift coefficient stays near {np.median(windows.lift):.2f}: drag at one speed is not a polar, fly "
+            "slow and fast"
         )
     return windows
 

@@ -51,7 +51,7 @@ class Key:
 
 
 _POSITION = (
-    "from the centre of gravity, FRD, of a coordinate that nobody knows `null`, of one that was found `0.40 ± 0.02`"
+    "from the centre of gravity, FRD; `null` for an unknown coordinate, `0.40 ± 0.02` for one that was estimated"
 )
 _NEAR, _SPEEDS = (-200.0, 200.0), (0.01, 2000.0)
 KEYS = {
@@ -250,9 +250,7 @@ def _position(data: Mapping[str, Any], key: str, span: float) -> Vector:
     if value is None:
         return np.zeros(3)
     if not isinstance(value, (list, tuple)) or len(value) != 3:
-        raise InputError(
-            f"{key} must be three numbers [x forward, y right, z down] in m, null for one that nobody knows"
-        )
+        raise InputError(f"{key} must be three numbers [x forward, y right, z down] in m, null for an unknown one")
     names = [f"{at} of {key}" for at in "xyz"]
     place = np.array([_within(key, _coordinate(v, name)[0], name) for v, name in zip(value, names, strict=True)])
     check_place(key, place, span)

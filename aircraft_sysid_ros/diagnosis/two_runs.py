@@ -131,8 +131,8 @@ class SideBySide:
         if self.same_flight:
             return []
         sentences = [
-            f"{len(self.differing)} of {self.tried} parameters differ by more than chance; of two flights with the "
-            f"same ones any is said to differ in at most {THRESHOLDS.false_alarm:.0%}, where the models lack nothing"
+            f"{len(self.differing)} of {self.tried} parameters differ by more than chance; for two flights with the "
+            f"same ones, any is said to differ in at most {THRESHOLDS.false_alarm:.0%}, if the models lack nothing"
         ]
         doubtful = sorted((d for d in self.parameters if d.is_doubtful), key=lambda d: d.p_value)
         if doubtful:
@@ -140,7 +140,7 @@ class SideBySide:
             names = " ".join([*(d.name for d in doubtful[:_MOST_NAMED]), *["…"] * (len(doubtful) > _MOST_NAMED)])
             run, reason = next((run, why) for run, why in zip(self.runs, first.held, strict=True) if why)
             sentences.append(
-                f"{len(doubtful)} more differ by their standard errors and are not to USE in one of the runs, so no "
+                f"{len(doubtful)} more differ by their standard errors but do not have USE in one of the runs, so no "
                 f"difference is proven: {names}; {first.name} in {run} is {reason}"
             )
         return sentences
@@ -290,7 +290,7 @@ def _notes(
     if one_flight and same_version:
         notes.append(f"{_ONE_FLIGHT} and one model: replay them with other options to see a difference")
     elif one_flight:
-        notes.append(f"{_ONE_FLIGHT}: their differences are those of the models, and no chance is given for them")
+        notes.append(f"{_ONE_FLIGHT}: their differences are those of the models, and no p-value is given for them")
     files = [settings_of(run.current.aircraft) for run in runs]
     unlike = [key for key in _AIRFRAME if files[0].get(key) != files[1].get(key)]
     if unlike:
@@ -300,7 +300,7 @@ def _notes(
         if not (a_low <= b_high and b_low <= a_high):
             notes.append(
                 f"the flights share no {name}: {factor * a_low:.3g} to {factor * a_high:.3g} and {factor * b_low:.3g} "
-                f"to {factor * b_high:.3g} {unit}; a difference may be that of the conditions"
+                f"to {factor * b_high:.3g} {unit}; a difference may come from the conditions"
             )
     return notes
 

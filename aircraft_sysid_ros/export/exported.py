@@ -31,8 +31,9 @@ def induced_drag_notes(efficiency: float) -> list[str]:
     if efficiency > 0.0:
         return []
     return [
-        f"lift lowers drag in this file (an efficiency of {efficiency:.2g}), which no wing does: what the flight tells "
-        "of C_X is not enough; fly several speeds with thrust measured, or put an efficiency of your own in its place"
+        f"lift lowers drag in this file (an efficiency of {efficiency:.2g}), which no wing does: what the flight "
+        "shows of C_X is not enough; fly several speeds with thrust measured, or put an efficiency of your own in "
+        "its place"
     ]
 
 

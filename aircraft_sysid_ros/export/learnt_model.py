@@ -256,7 +256,7 @@ def not_held(learnt: LearntModel, held: Mapping[str, Sequence[str]]) -> list[str
                 what = "its constant" if term == "1" else f"the term {term}"
                 sentences.append(
                     f"{axis}: no place for {what}, which moves {axis} by {percent(shares[name])} of its "
-                    "spread; what the other terms can take of it they have"
+                    "spread; the other terms have taken what they can of it"
                 )
     return sentences
 

@@ -96,7 +96,7 @@ def _outcome(future: Any) -> Mapping[str, Any] | Failed:
     if isinstance(error, Failed):
         return error
     if isinstance(error, KilledWorker):
-        return Failed("the workers that it was given to ended again and again", lasting=False)
+        return Failed("the workers that it was given to kept ending", lasting=False)
     return Failed(f"its worker failed, {type(error).__name__}: {error}", lasting=False)
 
 

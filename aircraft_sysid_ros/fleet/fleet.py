@@ -197,7 +197,7 @@ def _jobs(
     beside: dict[tuple[Path, ...], str] = {}  # keys of all that an answer rests on but the recording
     first: dict[str, str] = {}
     for count, flight in enumerate(flights):
-        tell("look what is known already", count, len(flights))
+        tell("check what is known already", count, len(flights))
         try:
             if not flight.recording.exists():
                 raise InputError(f"there is no recording {flight.recording}")
@@ -265,6 +265,6 @@ def _flown(
         try:
             fly_all(client, list(jobs.values()), _WORK, Limits(asked.time_limit), done)
         except KeyboardInterrupt:
-            say(f"{len(answers)} of {len(jobs)} flights are done and kept; the same command goes on with the others")
+            say(f"{len(answers)} of {len(jobs)} flights are done and kept; the same command continues with the others")
             raise
     return answers

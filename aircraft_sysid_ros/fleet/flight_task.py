@@ -115,8 +115,8 @@ def _why_another(job: Job) -> str:
     if job.place == program_place():
         place = Path(__file__).resolve().parents[1]
         return (
-            f"the program in {place} has changed since the fleet began (it was edited or installed anew), and answers "
-            "of two programs are not mixed: begin the same command again"
+            f"the program in {place} has changed since the fleet began (it was edited or reinstalled), and answers of "
+            "two programs are not mixed: start the same command again"
         )
     return "its worker has another version of the program: install the same one everywhere"
 
@@ -184,7 +184,7 @@ def _checked(job: Job, imported: Path) -> tuple[CheckedRecording, Path, str]:
                 return _checked(as_log, imported)
             except InputError:
                 raise refused from None
-        return checked, job.recording, _unread(job, "a recording says its deflections itself")
+        return checked, job.recording, _unread(job, "a recording itself holds its deflections")
     options, unread = _import_options(job)
     import_log(job.recording, imported, **options)
     return check_recording(imported, job.aircraft), imported, unread

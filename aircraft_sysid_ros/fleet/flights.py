@@ -210,7 +210,7 @@ def _of_list(path: Path, files: Files) -> Iterator[Flight]:
     for number, entry in enumerate(_entries(path), 1):
         where = f"list of flights {path}: entry {number}"
         if not isinstance(entry, Mapping):
-            raise InputError(f"{where} is no flight: give it {', '.join(KEYS)}")
+            raise InputError(f"{where} is not a flight: give it {', '.join(KEYS)}")
         unknown = [str(key) for key in entry if key not in KEYS]
         if unknown:
             raise InputError(f"{where} has the unknown key '{unknown[0][:60]}': a flight has {', '.join(KEYS)}")
@@ -260,5 +260,5 @@ def _nanoseconds(where: str, value: Any) -> int:
         utc = value if value.tzinfo is not None else value.replace(tzinfo=timezone.utc)
         since = utc - _EPOCH
     except (ValueError, AttributeError, TypeError):
-        raise InputError(f"{where} has a start that is no time: write it as 2026-05-31T14:30:00Z") from None
+        raise InputError(f"{where} has a start that is not a time: write it as 2026-05-31T14:30:00Z") from None
     return (since.days * 86400 + since.seconds) * 1_000_000_000 + since.microseconds * 1000

@@ -31,7 +31,7 @@ class Results:
         if out.exists() and not out.is_dir():
             raise InputError(f"--out {out} is a file: give the name of a folder")
         if out.is_dir() and any(out.iterdir()) and not (out / FOLDER).is_dir():
-            raise InputError(f"--out {out} is no folder of a fleet and is left alone: give another name")
+            raise InputError(f"--out {out} is not the folder of a fleet and is left alone: give another name")
         self._new = [folder for folder in (out / FOLDER, out, *out.parents) if not folder.exists()]
         try:
             (out / FOLDER).mkdir(parents=True, exist_ok=True)

@@ -59,8 +59,8 @@ def _changing(fleet: str | Path, airframes: Sequence[str]) -> list[str]:
     path = Path(fleet) / "changes.parquet"
     changes = [row for row in (read_table(path) if path.is_file() else ()) if row["airframe"] in airframes]
     return [
-        f"{row['airframe']}: {row['parameter']} {row['kind']}s between its flights, as the fleet says, and its mean is "
-        "not what it is now"
+        f"{row['airframe']}: {row['parameter']} {row['kind']}s between its flights, as the fleet says, and its mean "
+        "is not its present value"
         for row in changes
     ]
 
@@ -72,7 +72,7 @@ def _both(values: ByName, first: str, second: str) -> list[str]:
 def _read(fleet: str | Path) -> ByName:
     require_pyarrow()
     if not is_fleet(fleet):
-        raise InputError(f"{fleet} is no folder of a fleet: {FLIGHTS} is not in it")
+        raise InputError(f"{fleet} is not the folder of a fleet: {FLIGHTS} is not in it")
     values: ByName = defaultdict(lambda: defaultdict(dict))
     for table, key in (("parameters", "parameter"), ("sensors", "sensor")):
         path = Path(fleet) / f"{table}.parquet"

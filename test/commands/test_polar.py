@@ -106,7 +106,7 @@ def test_from_a_table_to_the_polar(flown, pictures, capsys):
     assert Path(said["figure"]).stat().st_size > 20_000 and json.loads(Path(said["file"]).read_text("utf8"))["lift"]
     assert main(["polar", run, "--power", "electric_power"]) == 0
     shown = capsys.readouterr().out
-    assert "level flight at" in shown and "what avionics draw counts as power of propulsion" in shown
+    assert "level flight at" in shown and "the power of the avionics counts as propulsion" in shown
 
 
 @pytest.mark.long
@@ -126,7 +126,7 @@ def test_static_pressure_alone_tells_height_and_density(flown, monkeypatch):
     for name, value, std in zip(found.names, found.values, found.std, strict=True):
         assert value == pytest.approx(truth[name], abs=4.0 * std, rel=0.0)
     monkeypatch.setattr(module, "open_run", lambda _: replace(whole, samples=bare))
-    with pytest.raises(InputError, match="neither static pressure nor the position by GPS was recorded"):
+    with pytest.raises(InputError, match="neither static pressure nor the GPS position was recorded"):
         drag_polar(run, lambda folder, content: ("", []), "electric_power")
 
 
@@ -139,7 +139,7 @@ def test_static_pressure_alone_tells_height_and_density(flown, monkeypatch):
         (["--power", "electric_power", "--gliding"], "--power and --gliding contradict each other"),
         (
             ["--power", "electric_power", "--idle", "-3"],
-            "of standing still must be from 0 to 1e+06 W, not -3",
+            "the idle power (--idle) must be from 0 to 1e+06 W, not -3",
         ),
     ],
 )

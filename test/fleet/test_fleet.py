@@ -26,7 +26,7 @@ from aircraft_sysid_ros.fleet.results import Results
 DAY = 86_400 * 10**9
 BEGIN = 20_000 * DAY
 HOSTILE = "<script>alert(1)</script>"
-COLUMNS = {  # of INTERFACE.md
+COLUMNS = {
     "flights": ["flight", "airframe", "start", "ok", "reason"],
     "parameters": ["flight", "airframe", "start", "parameter", "value", "std", "status", "V", "alpha"],
     "verdicts": ["flight", "verdict", "effect", "axes", "p_value", "error_before", "error_after"],
@@ -358,7 +358,7 @@ def test_a_program_that_changes_under_a_fleet_is_no_worker_with_another_version(
             flight_task.answer_of(job, tmp_path)
         said[place] = error.value.sentence
         assert not error.value.lasting
-    assert "has changed since the fleet began" in said[here] and said[here].endswith("begin the same command again")
+    assert "has changed since the fleet began" in said[here] and said[here].endswith("start the same command again")
     assert said[elsewhere] == "its worker has another version of the program: install the same one everywhere"
 
 

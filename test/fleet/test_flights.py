@@ -162,10 +162,10 @@ def test_a_list(place, ending, with_map):
     ("text", "said"),
     [
         ("[]", "must be a list of flights"),
-        ("- 3", "entry 1 is no flight"),
+        ("- 3", "entry 1 is not a flight"),
         ("- {recordin: x}", "unknown key 'recordin'"),
         ("- {name: x}", "names no recording"),
-        ("- {recording: a.mcap, start: noon}", "start that is no time"),
+        ("- {recording: a.mcap, start: noon}", "start that is not a time"),
         ("- {recording: a.mcap, name: ../x}", "name '../x'"),
         ("- {recording: a.mcap, airframe: /etc}", "airframe '/etc'"),
         ("- {recording: a.mcap, name: x}\n- {recording: b.mcap, name: x}", "two flights have the name x"),

@@ -77,9 +77,9 @@ def test_servos_that_say_nothing_of_a_flight_are_told(tmp_path, aircraft_file, m
     )
     recording, unread = looked_at(tmp_path, log, Path(aircraft_file), columns=tmp_path / "map.yaml")
     assert recording == tmp_path / "imported"
-    assert unread == "servos.yaml is not read: the map says units and signs itself"
+    assert unread == "servos.yaml is not read: the map itself gives units and signs"
     _, unread = looked_at(tmp_path, recording, Path(aircraft_file), is_log=False)
-    assert unread == "servos.yaml is not read: a recording says its deflections itself"
+    assert unread == "servos.yaml is not read: a recording itself holds its deflections"
     taken = []
     monkeypatch.setattr(flight_task, "import_log", lambda log, out, **options: taken.append(options))
     monkeypatch.setattr(flight_task, "check_recording", lambda place, aircraft: _Checked())

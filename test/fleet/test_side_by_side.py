@@ -81,7 +81,7 @@ def test_the_command(tmp_path, capsys):
         assert sum(row["differs"] for row in json.loads(capsys.readouterr().out)["parameters"]) == 2
     for words, said in (
         ([a], "is a fleet: compare it with"),
-        ([a, "--with", "nowhere"], "no folder of a fleet"),
+        ([a, "--with", "nowhere"], "not the folder of a fleet"),
         ([a, "--airframes", "N1", "N3"], "no airframe of"),
         (["nowhere", "--airframes", "N1", "N2"], "and nowhere is none"),
     ):

@@ -423,9 +423,9 @@ def _not_judged(balance: ForceBalance, judged: tuple[str, ...]) -> dict[str, str
     reasons = {}
     for axis, angle, vane in (("CZ", "alpha", "angle of attack"), ("CY", "beta", "sideslip")):
         if angle not in balance.angles:
-            reasons[axis] = f"no vane measures the {vane}: {axis[0]}_{axis[1]} stands for it"
+            reasons[axis] = f"no vane measures the {vane}: {axis[0]}_{axis[1]} is used instead"
     for axis in ("CX", "Cl", "Cm", "Cn"):
         if axis not in judged:
-            engine = "it tells of the engine, and no throttle or thrust that moves is measured"
+            engine = "it shows the engine, and no throttle or thrust that moves is measured"
             reasons[axis] = engine if axis == "CX" else "its terms read no input that moves in this flight"
     return reasons

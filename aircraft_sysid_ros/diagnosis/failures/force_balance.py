@@ -91,7 +91,7 @@ class _Series:
         self._delay[Kind.INPUTS] = self._delay[Kind.CONTROLS]
         of_imu = np.sort(self._samples.stamp[self._samples.kind == Kind.IMU])
         if len(of_imu) < 2:
-            raise InputError("the flight has no IMU: nothing can be said of its forces")
+            raise InputError("the flight has no IMU: nothing can be said about its forces")
         self.begin = int(of_imu[0])
         self.grid = np.arange(0.0, (of_imu[-1] - of_imu[0]) * 1e-9, 1.0 / _FINE)
         self.sound = np.ones(len(self.grid), np.bool_)
@@ -133,7 +133,7 @@ class _Series:
             return self.of(Kind.AIRSPEED, 1, needed=True)[:, 0], None, True
         velocity = self.of(Kind.GPS_VELOCITY, 3, needed=True)
         if not np.isfinite(velocity).any():
-            raise InputError("the flight has neither airspeed nor GPS velocity: nothing can be said of its forces")
+            raise InputError("the flight has neither airspeed nor GPS velocity: nothing can be said about its forces")
         flying = np.linalg.norm(velocity, axis=1) > 0.3 * np.nanmax(np.linalg.norm(velocity, axis=1))
         wind = wind_of_ground_speed(velocity[flying, :2], 1.0 / _FINE)
         if wind is not None and wind.is_known and wind.is_there:

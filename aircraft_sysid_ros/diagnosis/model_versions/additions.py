@@ -226,7 +226,7 @@ def _of_setting(run: Run, flight: FlightData, effect: Effect, progress: Progress
 
 def _only_gusts(effect: Effect) -> InputError:
     return InputError(
-        f"in these gusts '{effect.identifier}' cannot be told from gusts: fly in calm air, or set "
+        f"in this turbulence '{effect.identifier}' cannot be told from gusts: fly in calm air, or set "
         f"{'.'.join(effect.variants[0].setting)} in the aircraft file"
     )
 
@@ -322,7 +322,7 @@ def _finish(
     where = " where both models have values" if partly else ""
     if shared:
         verdict = _verdict(label, shared, improved, removed, where)
-        verdict += f", but by less than the numbers of '{label}' cost: {_NO_REASON}" if improved and not pays else ""
+        verdict += f", but by less than the parameters of '{label}' cost: {_NO_REASON}" if improved and not pays else ""
         improved = improved and pays
     else:  # a term that reads what the flight lacks has gone
         verdict = f"without '{label}' this flight fits {' and '.join(fitted)}, which it did not before"
@@ -380,7 +380,7 @@ def _verdict_of(setting: Setting, axes: Mapping[str, Mapping[str, float]]) -> st
     errors = f"the held-out error goes from {_largest_change(axes)}"
     if setting.evidence > 1.0:
         return f"{better}: {errors}"
-    return f"{better}, but by no more than chance does ({setting.evidence:.0%} of what is needed): {errors}"
+    return f"{better}, but by no more than chance would ({setting.evidence:.0%} of what is needed): {errors}"
 
 
 def _most_changed(axes: Mapping[str, Mapping[str, float]]) -> str:
