@@ -85,7 +85,7 @@ _MOTOR_AGE = 1.0
 _OF_SPEED = (Quantity.AIRSPEED, Quantity.IMPACT_PRESSURE)
 #: Sources of one quality, of which that counts in a log which has clearly more samples: PX4 logs its receivers once in
 #: a second, and the position that it chose of them as often as it comes.
-_ALIKE = {"sensor_gps", "vehicle_gps_position"}, {"airspeed", "airspeed_validated"}
+ALIKE = {"sensor_gps", "vehicle_gps_position"}, {"airspeed", "airspeed_validated"}
 _KEPT = 64  # values that a live mapping remembers per quantity
 _MILLISECOND = 1_000_000
 
@@ -250,7 +250,7 @@ class Assembler:
             best = there[:1]
             is_free = quantity is not Quantity.AIRSPEED or not self._corrects_airspeed
             for name in there[1:] if is_free else ():
-                if {name, *best} in _ALIKE and usable[quantity, name] > CLEARLY_MORE * usable[quantity, best[0]]:
+                if {name, *best} in ALIKE and usable[quantity, name] > CLEARLY_MORE * usable[quantity, best[0]]:
                     best = [name]
             self._ranks[quantity] = tuple(best)
 

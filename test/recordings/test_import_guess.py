@@ -254,6 +254,29 @@ def test_an_airspeed_of_px4_that_no_sensor_measured_is_none(source, tmp_path):
     np.testing.assert_allclose(1e-9 * (air.stamp[known] - air.stamp[0]), np.arange(2.0, 5.0, 0.1), atol=1e-6)
 
 
+@pytest.mark.parametrize(
+    ("rates", "dead", "read"),
+    [
+        ({"sensor_gps_0": 1, "vehicle_gps_position_0": 5}, "", "vehicle_gps_position_0"),
+        ({"sensor_gps_0": 5, "vehicle_gps_position_0": 5}, "", "sensor_gps_0"),
+        ({"sensor_gps_0": 5, "vehicle_gps_position_0": 5}, "sensor_gps_0", "vehicle_gps_position_0"),
+        ({"sensor_gps_0": 5, "sensor_gps_1": 5}, "sensor_gps_0", "sensor_gps_1"),
+        ({"airspeed_validated_0": 1, "airspeed_0": 10}, "", "airspeed_0"),
+    ],
+)
+def test_of_a_folder_of_ulog2csv_the_denser_gps_and_airspeed_count(rates, dead, read, tmp_path):
+    """As of a .ulg: the receiver at 1 Hz was taken, and of several that with the number 0."""
+    for name, rate in {**rates, "vehicle_air_data_0": 10}.items():
+        time = 50_000_000 + np.arange(0, 20_000_000, 1_000_000 // rate)
+        values = {"fix_type": 1 if name == dead else 3, "latitude_deg": 44.5, "true_airspeed_m_s": 17.0}
+        constant = [np.full(len(time), value) for value in values.values()]
+        layouts.write_rows(tmp_path / f"log_{name}.csv", ["timestamp", *values], [time, *constant])
+    first = guess_map(tmp_path)
+    (chosen,) = (part.file for part in first.parts for line in part.lines if line.active)
+    assert chosen == f"log_{read}.csv"
+    assert any("is read: it has more fixes" in note for note in first.notes) is read.endswith("1")
+
+
 @pytest.mark.long
 def test_a_folder_of_ulog2csv_needs_no_correction(flown, tmp_path):
     folder, right = layouts.ulog2csv_folder(flown, tmp_path)

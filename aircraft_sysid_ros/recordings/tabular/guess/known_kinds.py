@@ -8,7 +8,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from aircraft_sysid_ros.mavlink.assembler import ALIKE
 from aircraft_sysid_ros.mavlink.px4_table import AIRSPEED_SOURCES, TIMES
+from aircraft_sysid_ros.mavlink.quantities import first_of_most
 from aircraft_sysid_ros.mavlink.servo_mapping import ServoMapping
 from aircraft_sysid_ros.recordings.tabular.column_expression import parse_column_expression
 from aircraft_sysid_ros.recordings.tabular.guess.known_line import KnownLine
@@ -21,11 +23,12 @@ from aircraft_sysid_ros.recordings.tabular.text_files import MessageTable
 
 _ULOG, _ROSTOPIC, _MESSAGES = "file of ulog2csv", "file of rostopic echo -p", "message of Paparazzi"
 #: Names of their tables.
-_ULOG_NAME, _ROSTOPIC_NAME, _MESSAGE_NAME = r"(?:^|_)({})_0\.csv$", r"(?:^|[-_])({})\.csv$", "^({})$"
+_ULOG_NAME, _ROSTOPIC_NAME, _MESSAGE_NAME = r"(?:^|_)({})_\d+\.csv$", r"(?:^|[-_])({})\.csv$", "^({})$"
 _VECTOR = "xyz"
 _ROWS = 100_000
 #: Messages do not wait longer [ms]: a log in which they seem to has two clocks.
 _LONGEST_DELAY = 1000.0
+_GPS, _FIX_TYPE, _FIX_3D = ("sensor_gps", "vehicle_gps_position"), "fix_type", 3
 _NED = ("north", "east", "down")
 
 
@@ -170,15 +173,63 @@ def known_lines(
         return None
     ulog = [table for table in tables if "timestamp" in table.columns and re.search(r"_\d+\.csv$", table.name)]
     if len(ulog) >= 2 and len(ulog) >= 0.8 * len(tables):
-        batteries = [table.name for table in ulog if re.search(r"(?:^|_)battery_status_\d+\.csv$", table.name)]
-        name = _ULOG_NAME if len(batteries) != 1 else r"(?:^|_)({})(?:(?<=battery_status)_\d+|_0)\.csv$"
-        known, lost = _with_outputs(ulog, _PX4, name, mapping)
-        return _chosen(ulog, known, name, _ULOG), lost
+        read, notes = _one_instance(ulog)
+        known, lost = _with_outputs(read, _PX4, _ULOG_NAME, mapping)
+        return _chosen(read, _denser_first(read, known), _ULOG_NAME, _ULOG), notes + lost
     rostopic = [table for table in tables if "%time" in table.columns]
     if rostopic and len(rostopic) >= 0.8 * len(tables):
         known, lost = _with_outputs(rostopic, _MAVROS, _ROSTOPIC_NAME, mapping)
         return _chosen(rostopic, known, _ROSTOPIC_NAME, _ROSTOPIC), lost
     return None
+
+
+def _one_instance(tables: Sequence[Table]) -> tuple[list[Table], list[str]]:
+    """Tables of instance 0, of a lone battery, and of the GPS receiver with clearly more fixes, which is a note."""
+    by_topic: dict[str, dict[int, Table]] = {}
+    for table in tables:
+        topic, number = re.findall(r"^(.*)_(\d+)\.csv$", table.name)[0]
+        by_topic.setdefault(topic, {})[int(number)] = table
+    read, notes = [], []
+    for topic, instances in by_topic.items():
+        order = sorted(instances)
+        best = order[0] if len(order) == 1 and topic.endswith(("battery_status", *_GPS)) else 0
+        if len(order) > 1 and topic.endswith(_GPS):
+            best = order[first_of_most([_count(instances[number], _PX4[_GPS[0]]) for number in order])]
+            if best != order[0]:
+                notes.append(f"{instances[best].name} is read: it has more fixes than {instances[order[0]].name}")
+        if best in instances:
+            read.append(instances[best])
+    return read, notes
+
+
+def _denser_first(tables: Sequence[Table], known: dict[str, list[KnownLine]]) -> dict[str, list[KnownLine]]:
+    """The lines by topic, of two topics alike first those of which the log has clearly more samples."""
+    order = list(known)
+    for alike in ALIKE:
+        of_topic = {
+            topic: [table for table in tables if re.search(_ULOG_NAME.format(topic), table.name)]
+            for topic in sorted(alike, key=order.index)
+        }
+        if all(of_topic.values()):
+            counts = [sum(_count(table, known[topic]) for table in of) for topic, of in of_topic.items()]
+            first, denser = next(iter(of_topic)), list(of_topic)[first_of_most(counts)]
+            order.insert(order.index(first), order.pop(order.index(denser)))
+    return {topic: known[topic] for topic in order}
+
+
+def _count(table: Table, lines: Sequence[KnownLine]) -> int:
+    """Rows in which the first of the lines that is there is a number, of a GPS receiver those with a fix."""
+    line = next((line for line in lines if _has(table, line)), None)
+    if line is None:
+        return 0
+    value = parse_column_expression(line.expression or line.column)
+    fix = [_FIX_TYPE] if _FIX_TYPE in table.columns else []
+    count = 0
+    for piece in table.read([*value.columns, *fix], _ROWS):
+        columns = {name: numbers(column)[0] for name, column in piece.items()}
+        sound = np.isfinite(value.evaluate(columns)) & (columns.get(_FIX_TYPE, np.array(_FIX_3D)) >= _FIX_3D)
+        count += int(sound.sum())
+    return count
 
 
 def _with_outputs(
