@@ -49,6 +49,18 @@ def test_a_surface_that_never_moves_is_said(flown, value, severity):
     assert not [each for each in said(flown, "rudder") if each[0] == "held"]
 
 
+@pytest.mark.parametrize(("column", "name", "step"), [(1, "static_pressure", 10.0), (0, "air_density", 1e-3)])
+def test_the_pressure_of_a_parked_aeroplane_is_not_the_end_of_a_range(flown, column, name, step):
+    def parked(values):
+        steps = np.round(values / step) * step
+        return np.where(np.arange(len(values)) < len(values) // 3, steps.max() + step, steps)
+
+    resting = with_column(flown, Kind.AIR, column, parked)
+    assert not [each for each in said(resting, name) if each[0] == "saturated"]
+    cut = with_column(flown, Kind.AIR, column, lambda v: np.maximum(v, np.percentile(v, 40)))
+    assert [each for each in said(cut, name) if each[0] == "saturated"]
+
+
 @pytest.mark.parametrize("follows", [-0.4, 0.0, 0.4])
 @pytest.mark.parametrize("gust", [0.2, 0.7, 1.5])
 def test_a_factor_in_gusts_that_are_followed_is_within_the_room_for_them(follows, gust):

@@ -35,8 +35,9 @@ _COARSE = 0.2
 _SURFACE, _THROTTLE = 1.25, 1.5
 #: Surfaces that an aeroplane cannot be flown without moving, if it has them.
 _TURNING = ("elevator", "aileron", "rudder")
-#: Where zero is the end of the scale, at rest.
+#: Where zero is the end of the scale, at rest, and what is largest at the lowest place, the ground.
 _FROM_ZERO = ("true_airspeed", "dynamic_pressure", "height_above_ground")
+_FROM_GROUND = ("static_pressure", "air_density")
 
 
 def findings(flight: Flight) -> list[Finding]:
@@ -173,6 +174,8 @@ def saturated(name: str, values: Array, time: Array) -> list[Finding]:
     for end, beside in ((-1, slice(-4, -1)), (0, slice(1, 4))):
         if end == 0 and (name in _FROM_ZERO or (name.startswith(INPUTS) and levels[0] == 0.0)):
             continue  # an input that begins at zero, as the power of a motor, is off there
+        if end == -1 and name in _FROM_GROUND:
+            continue
         at = values == levels[end]
         runs = run_lengths(at)
         times = counts[end] / max(float(np.max(counts[beside], initial=1)), 1.0)
