@@ -34,7 +34,7 @@ _UNIX = 10**18  # [ns] 2001: more is Unix time, which uXRCE-DDS makes of the aut
 def import_autopilot_bag(path: Path, mapping: ServoMapping | None = None) -> ImportedLog:
     """A bag as our topics; raises InputError for one that has neither MAVROS topics nor px4_msgs."""
     raw = read_raw(path)
-    px4 = {key: _px4_name(channel) for key, channel in raw.channels.items() if channel.type.startswith(_PX4)}
+    px4 = _px4_names({key: channel for key, channel in raw.channels.items() if channel.type.startswith(_PX4)})
     mavros = {key: name for key, c in raw.channels.items() if (name := _mavros_name(c.topic))[1] in MAVROS}
     if not px4 and not mavros:
         raise InputError(f"it has neither topics of MAVROS nor px4_msgs: it holds {raw.topic_names()[:300]}")
@@ -115,6 +115,26 @@ def _mavros_name(topic: str) -> tuple[str, str]:
     """Namespace of a vehicle, and name relative to that of MAVROS in it."""
     before, found, name = topic.strip("/").partition("mavros/")
     return (before.strip("/"), name) if found else ("", before)
+
+
+def _px4_names(channels: dict[int, Channel]) -> dict[int, tuple[str, str]]:
+    """Namespaces of vehicles, and names; without ``fmu/`` folders that have no known topic twice are of one vehicle.
+
+    Such are /drone/imu/sensor_combined and /drone/gps/sensor_gps. Vehicles are told apart as high up as that goes.
+    """
+    named = {key: _px4_name(channel) for key, channel in channels.items()}
+    if any("fmu/" in channel.topic for channel in channels.values()):
+        return named
+    known = {space_and_name for space_and_name in named.values() if space_and_name[1] in PX4}
+    for depth in range(max((space.count("/") + 1 for space, _ in known), default=0)):
+        vehicles = {(_cut(space, depth), name) for space, name in known}
+        if len(vehicles) == len(known):
+            return {key: (_cut(space, depth), name) for key, (space, name) in named.items()}
+    return named
+
+
+def _cut(space: str, depth: int) -> str:
+    return "/".join(space.split("/")[:depth])
 
 
 def _px4_name(channel: Channel) -> tuple[str, str]:

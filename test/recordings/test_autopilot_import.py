@@ -589,6 +589,20 @@ def test_of_a_bag_of_two_vehicles_one_is_read(tmp_path, types, topic):
     assert report["topics"]["imu/data"]["messages"] == COUNT
 
 
+@pytest.mark.parametrize("drones", [["/drone"], ["/fleet/a", "/fleet/b"]])
+def test_topics_of_px4_in_folders_of_their_own_are_of_one_vehicle(tmp_path, drones):
+    """Each folder was a vehicle, so that the GPS was lost."""
+    messages = [
+        (at, f"{drone}/{'imu' if 'sensorc' in name else 'rest'}{name.removeprefix('/fmu/out')}", *rest)
+        for drone in drones
+        for at, name, *rest in px4_messages(boot=False)
+    ]
+    report, recording = run_import(write_bag(tmp_path / "px4", PX4_TYPES, messages), tmp_path / "bag")
+    check_motion(recording, UNIX, stamp=1e-5)
+    note = "topics of several vehicles: those under /fleet/a/ are read, those under /fleet/b/ are not"
+    assert (note in report["notes"]) is (len(drones) > 1)
+
+
 def test_what_px4_says_goes_before_what_it_is_told(tmp_path):
     messages = px4_messages(boot=False)
     told = [(at - 10**7, name.replace("/out/", "/in/"), *rest) for at, name, *rest in messages[:9]]
