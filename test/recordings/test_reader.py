@@ -15,7 +15,7 @@ from aircraft_sysid_ros.recordings.storage import read_raw
 from aircraft_sysid_ros.recordings.tables import read_table
 from aircraft_sysid_ros.recordings.writer import RecordingWriter
 from aircraft_sysid_ros.ros_messages.conversion import TOPICS, USED_FIELDS, gps_velocity_fields, imu_fields
-from aircraft_sysid_ros.samples import Kind
+from aircraft_sysid_ros.samples import Kind, sound_stamps
 
 START = 1_700_000_000_000_000_000
 
@@ -42,6 +42,13 @@ def test_names_with_and_without_namespace(tmp_path, prefix):
     assert recording.ignored == {}
     assert recording.duration == pytest.approx(0.19)
     assert recording.start == START
+
+
+@pytest.mark.parametrize("other", [0, START - 5 * 24 * 3600 * 10**9])
+def test_of_two_equally_large_groups_of_stamps_one_is_sound(other):
+    """The middle between them was near to none: an error of NumPy."""
+    stamps = np.array([other, other, START, START + 1], dtype=np.int64)
+    assert sound_stamps(stamps).tolist() == [START, START + 1]
 
 
 def test_a_stamp_of_zero_moves_no_time_of_the_others(tmp_path):
