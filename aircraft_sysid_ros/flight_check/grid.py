@@ -123,6 +123,8 @@ def _convolve(values: Array, kernel: Array) -> Array:
     return np.fft.irfft(spectrum, size)[:, len(kernel) - 1 : values.shape[1]]
 
 
+#: Share of the common points that must be left at a lag.
+_LEAST_OVERLAP = 0.5
 #: Frequencies, of series that are filled up to twice their length, over which coherence is a mean.
 _NEIGHBOURS = 33
 
@@ -148,6 +150,8 @@ def compare(y: Array, x: Array, step: float, longest_lag: float = 0.5) -> Compar
     size_x = np.fft.irfft(fm * np.conj(np.fft.rfft(x**2, size)), size)[lags]  # of what is common at each lag
     size_y = np.fft.irfft(np.fft.rfft(y**2, size) * np.conj(fm), size)[lags]
     rho = cross[lags] / np.sqrt(np.maximum(size_x * size_y, 1e-12 * norm**2))
+    overlap = np.fft.irfft(np.abs(fm) ** 2, size)[lags]  # little of short pieces is left at a large lag: it agrees
+    rho = np.where(overlap > _LEAST_OVERLAP * n, rho, 0.0)
     best, sign = _best(rho, most)
     lag, r = _peak(sign * rho, best)
     lag = (lag - most) * step

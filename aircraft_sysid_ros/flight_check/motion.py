@@ -27,6 +27,8 @@ _SHORTEST_STEP, _LONGEST_STEP = 0.02, 0.2
 _MOST_STEPS = 150_000
 #: In the air: faster than this share of the flight's own fast speed (90th percentile), without the ends [s].
 _FLYING, _ENDS = 0.45, 3.0
+#: It moves over ground: faster [m/s] than a GPS at rest. An airspeed that changes by less than this share is stuck.
+_PARKED, _STUCK = 1.0, 0.05
 #: Speeds [m/s] below which the whole recording counts, since nothing seems to fly.
 _STANDING = 2.0
 
@@ -58,17 +60,29 @@ class Motion:
 
     @cached_property
     def in_air(self) -> Bools:
-        """Where (count,) the aircraft flies, by GPS speed, else by airspeed; everywhere where neither tells."""
-        speed = np.linalg.norm(self._put(Kind.GPS_VELOCITY)[:, :3], axis=1)
-        if not np.any(np.isfinite(speed)):
-            speed = self._put(Kind.AIRSPEED)[:, 0]
-        known = speed[np.isfinite(speed)]
-        if not len(known) or np.percentile(known, 90) < _STANDING:
+        """Where (count,) the aircraft flies, by GPS speed or airspeed; everywhere where neither tells.
+
+        Against a wind of half of the airspeed it is slow over ground, and flies: it moves, and its airspeed is as ever.
+        """
+        ground, air = np.linalg.norm(self._put(Kind.GPS_VELOCITY)[:, :3], axis=1), self._put(Kind.AIRSPEED)[:, 0]
+        by_gps = bool(np.any(np.isfinite(ground)))
+        flying = self._is_fast(ground if by_gps else air)
+        if flying is None:
             return np.ones(self.grid.count, dtype=bool)
-        flying = ~(self.grid.smooth(np.nan_to_num(speed), 2.0) < _FLYING * np.percentile(known, 90))
+        shown = air[np.isfinite(air)]
+        if by_gps and len(shown) and np.ptp(shown) > _STUCK * np.max(shown):
+            moves, fast = self.grid.smooth(np.nan_to_num(ground), 2.0) > _PARKED, self._is_fast(air)
+            flying = flying if fast is None else flying | (moves & fast)
         ends = round(_ENDS / self.grid.step)
         flying = without_short(flying, ends)
         return eroded(~without_short(~flying, ends) & flying, ends, outside=True)
+
+    def _is_fast(self, speed: Array) -> Bools | None:
+        """Where (count,) a speed [m/s] is one of flight; None where nothing seems to fly."""
+        known = speed[np.isfinite(speed)]
+        if not len(known) or np.percentile(known, 90) < _STANDING:
+            return None
+        return np.asarray(~(self.grid.smooth(np.nan_to_num(speed), 2.0) < _FLYING * np.percentile(known, 90)))
 
     def _flown(self, values: Array) -> Array:
         out = values.copy()

@@ -83,7 +83,7 @@ def test_the_command(tmp_path, capsys):
         ([a], "is a fleet: compare it with"),
         ([a, "--with", "nowhere"], "not the folder of a fleet"),
         ([a, "--airframes", "N1", "N3"], "no airframe of"),
-        (["nowhere", "--airframes", "N1", "N2"], "and nowhere is none"),
+        (["nowhere", "--airframes", "N1", "N2"], "and nowhere is not one"),
     ):
         assert main(["compare", *words]) == 2
         assert said in capsys.readouterr().err

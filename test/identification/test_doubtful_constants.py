@@ -71,7 +71,7 @@ def test_a_constant_that_an_unknown_derivative_carries_to_an_angle_of_0_is_not_u
     doubted = doubt.doubted(replace(found, parameters=unknown), aircraft.model, point, noise).parameters
     (judged,) = (p for p in doubted if p.name == "CZ_0")
     assert judged.status is status
-    assert (status is Trust.USE) or "by CZ_alpha, which is not known" in judged.reason
+    assert (status is Trust.USE) or "with CZ_alpha, which is not known" in judged.reason
 
 
 def test_nor_is_it_where_a_monitor_takes_the_derivative_away_later(aircraft):

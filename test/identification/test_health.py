@@ -55,7 +55,7 @@ def test_a_fault_is_found_with_its_size(kind, size, watch, aircraft):
     assert watch.now.kinds[0] == kind and watch.now.since == 30.0
     assert watch.now.size == pytest.approx(size, abs=0.25 * abs(size))  # patterns are of first order
     (sentence,) = watch.notes()
-    assert sentence.startswith("from 30 s: ") and "beside 9 flights of N1" in sentence
+    assert sentence.startswith("from 30 s: ") and "compared with 9 flights of N1" in sentence
     assert [found["kinds"][0] for found in watch.json] == [kind] and watch.json[0]["now"]
     for look in range(LOOKS):
         watch.look(faulty(aircraft, "", 0.0), std, used, 40.0 + look)

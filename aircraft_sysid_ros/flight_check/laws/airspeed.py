@@ -17,6 +17,8 @@ _SCALE, _LAG = 0.06, 0.07  # the time [s] for a GPS of four fixes a second or mo
 _SHORT, _SECONDS = 0.6, 8.0
 #: Least course change [rad] that separates the wind from the scale.
 _TURNED = 2.0
+#: Wind along the course [m/s], or as a share of the airspeed, with which a whole flight without turns may be flown.
+_STRONGEST = (15.0, 0.45)
 #: Highest rate [1/s] at which an aeroplane, and who flies it, answers a gust along the path with its speed over ground.
 _ANSWER = 0.2
 #: Changes [s] of the speed that are slower than the noise of its sensors, and quicker than the wind.
@@ -131,8 +133,10 @@ def _fitted(motion: Motion, speed: Array, ground: Array, thin: npt.NDArray[np.in
     course = np.unwrap(np.arctan2(u[:, 1], u[:, 0]))
     found: list[Relation] = []
     turned = np.ptp(course) > _TURNED and np.hypot(*wind) < 0.9 * np.median(np.linalg.norm(u, axis=1))
-    if not turned:  # only a unit can be told, with a wind of up to half of the speed, or by changes of the speed
-        scale, std = typical, 0.15 * typical
+    if not turned:  # only a unit can be told, where no wind explains it, or by changes of the speed
+        over_ground = float(np.median(np.linalg.norm(u, axis=1)))
+        explained = abs(float(np.median(v)) - over_ground) < max(_STRONGEST[0], _STRONGEST[1] * float(np.median(v)))
+        scale, std = (np.nan if explained else typical), 0.15 * typical
         found += _slow(motion, speed, np.linalg.norm(ground, axis=1), "the changes of the GPS speed", 0.3)
     if scale > 0.0:
         low, high = max(scale - 3.0 * std, 1e-6), scale + 3.0 * std
