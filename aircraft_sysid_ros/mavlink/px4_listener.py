@@ -30,8 +30,8 @@ FMU_OUT = "fmu/out"
 #: [ns] 2001: more is Unix time.
 _UNIX = 10**18
 _LOST_AFTER = 5 * NANOSECONDS
-#: Synchronised clocks are believed lost after so many messages in a row, over such a time [ns].
-_CONFIRMING, _CONFIRMING_SPAN = 5, NANOSECONDS // 2
+#: A restart is believed, and synchronised clocks lost, after so many messages in a row, over such a time [ns].
+CONFIRMING, CONFIRMING_SPAN = 5, NANOSECONDS // 2
 _VERSION = re.compile(r"_v(\d+)$")
 _IMU = ("sensor_combined", "vehicle_imu")
 
@@ -104,7 +104,7 @@ class Px4Listener:
         if not self._unsynchronised:
             self._unsynchronised_since = now
         self._unsynchronised += 1
-        return self._unsynchronised >= _CONFIRMING and now - self._unsynchronised_since >= _CONFIRMING_SPAN
+        return self._unsynchronised >= CONFIRMING and now - self._unsynchronised_since >= CONFIRMING_SPAN
 
     def _start_anew(self, sent: int) -> None:
         self.restarts += 1

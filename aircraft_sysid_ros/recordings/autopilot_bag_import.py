@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.mavlink.mavros_table import MAVROS
+from aircraft_sysid_ros.mavlink.px4_listener import CONFIRMING, CONFIRMING_SPAN
 from aircraft_sysid_ros.mavlink.px4_table import PX4, sample_time
 from aircraft_sysid_ros.mavlink.quantities import Batch, Stamps
 from aircraft_sysid_ros.mavlink.servo_mapping import ServoMapping
@@ -190,8 +191,8 @@ def _with_sample_times(content: LogContent) -> LogContent:
 def _starts(recorded: Stamps, own: Stamps) -> tuple[Stamps, Stamps]:
     """When each start after the first was recorded [ns], and for each start the least of that time less the own [ns].
 
-    After a restart own times have gone back, and no message is as quick as those before; after one that was late
-    others are.
+    After a restart several messages have own times that have gone back, and no message is as quick as those before;
+    after one that was late others are.
     """
     order = np.argsort(recorded, kind="stable")
     recorded, own = recorded[order], own[order]
@@ -200,5 +201,9 @@ def _starts(recorded: Stamps, own: Stamps) -> tuple[Stamps, Stamps]:
     if not len(own):
         return recorded, np.zeros(1, np.int64)
     least = np.minimum.accumulate((recorded - own)[::-1])[::-1]
-    again = np.flatnonzero((np.diff(least) > NANOSECONDS) & (own[1:] < newest[1:] - NANOSECONDS)) + 1
+    padded = np.append(own, np.full(CONFIRMING - 1, _UNIX))
+    soon = np.lib.stride_tricks.sliding_window_view(padded, CONFIRMING).max(axis=1)  # newest of each and those after it
+    again = np.flatnonzero((np.diff(least) > NANOSECONDS) & (soon[1:] < newest[1:])) + 1
+    last = np.append(again[1:], len(own)) - 1
+    again = again[(last - again >= CONFIRMING - 1) & (recorded[last] - recorded[again] >= CONFIRMING_SPAN)]
     return recorded[again], least[np.append(0, again)]

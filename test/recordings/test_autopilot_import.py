@@ -506,6 +506,36 @@ def test_a_bag_of_px4_msgs_goes_on_after_a_restart(tmp_path):
     assert "the autopilot restarted 1 times" in report["notes"]
 
 
+@pytest.mark.parametrize("end", [[], [60.0]])
+def test_a_late_message_is_no_restart_of_px4(tmp_path, end):
+    """As the last one of a bag, or of a boot, it counted as one."""
+    first = px4_messages(boot=True)
+    (at, *late) = first[-200]
+    again = [(at + round(later * 1e9), *rest) for later in end for at, *rest in first]
+    bag = write_bag(tmp_path / "px4", PX4_TYPES, [*first, (at + 5 * 10**9, *late), *again])
+    report, _ = run_import(bag, tmp_path / "bag")
+    assert [note for note in report["notes"] if "restarted" in note] == ["the autopilot restarted 1 times" for _ in end]
+
+
+def test_a_restart_of_px4_shows_also_where_its_time_is_near_that_of_the_boot_before(tmp_path):
+    """Of less than a second nothing was noted, and both boots had the delay of one."""
+    messages = px4_messages(boot=True)
+    half = len(messages) // 2
+    again = [(at + 58 * 10**9, *rest) for at, *rest in messages[half - 90 :]]
+    report, recording = run_import(write_bag(tmp_path / "px4", PX4_TYPES, [*messages[:half], *again]), tmp_path / "bag")
+    assert "the autopilot restarted 1 times" in report["notes"]
+    imu = of_kind(recording, Kind.IMU)
+    assert (imu.stamp[-1] - UNIX * 10**9) * 1e-9 == pytest.approx(58.003 + TIME[-1], abs=1e-5)
+
+
+def test_a_recorder_whose_clock_leaps_is_no_restart_of_px4(tmp_path):
+    messages = px4_messages(boot=True)
+    half = len(messages) // 2
+    late = [(at + 60 * 10**9, *rest) for at, *rest in messages[half:]]
+    report, _ = run_import(write_bag(tmp_path / "px4", PX4_TYPES, [*messages[:half], *late]), tmp_path / "bag")
+    assert not any("restarted" in note for note in report["notes"])
+
+
 def test_a_bag_of_px4_msgs_whose_clocks_synchronise_midway(tmp_path):
     """Its first samples were in 1970, or the later ones twice as far from it."""
     since_boot, synchronised = px4_messages(boot=True), px4_messages(boot=False)
