@@ -12,13 +12,12 @@ from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.recordings.tabular.clock import NO_TIME, days_later, stamps_of
 from aircraft_sysid_ros.recordings.tabular.column_map import TEXT_TIMES, TimeBase
 from aircraft_sysid_ros.recordings.tabular.guess.names import TIME, guess_name
+from aircraft_sysid_ros.recordings.tabular.guess.time_units import fitting_units, is_unix_time, is_usual_step
 from aircraft_sysid_ros.recordings.tabular.table import Table, numbers
 from aircraft_sysid_ros.recordings.tabular.units import conversion
 from aircraft_sysid_ros.samples import PAUSE
 
 Array = npt.NDArray[np.float64]
-_SHORTEST_STEP, _LONGEST_STEP = 0.0015, 1.5  # [s] of a unit without a name
-_UNIX = (9e8, 2.14e9)  # [s]
 #: A time starts over where it goes back to within this share of a manoeuvre of its first value, for so many rows.
 _SAME_BEGIN, _LEAST_ROWS = 0.2, 20
 #: Minute, hour, day and week in s, ms and us: where clocks start over by themselves.
@@ -55,11 +54,11 @@ def guess_time(table: Table, columns: dict[str, npt.NDArray[Any]]) -> TimeGuess 
     found = [
         candidate
         for name in sorted(named, key=lambda name: named[name].distance)
-        if (candidate := _candidate(name, columns[name], named[name].unit)) is not None
+        if (candidate := _candidate(name, named[name].unit, table, columns)) is not None
     ]
     if not found and columns:
         first = next(iter(columns))
-        unnamed = _candidate(first, columns[first], "") if first not in named else None
+        unnamed = _candidate(first, "", table, columns) if first not in named else None
         found = [replace(unnamed, sure=False)] if unnamed is not None and _is_regular(unnamed) else []
     if not found:
         return None
@@ -88,11 +87,20 @@ def why_no_time(table: Table, columns: dict[str, npt.NDArray[Any]]) -> str:
                 f"{table.name} is left out: its column '{name}' goes back at data row {back[0] + 2}: make it a time "
                 "that keeps rising, or map it with restarts: true where every manoeuvre starts over"
             )
+        if len(known) > 1 and known[-1] > known[0] and not guess.unit:
+            step = _usual_step(known)
+            units, _ = fitting_units(numbers(values)[0], step, table, columns)
+            if len(units) > 1:
+                return (
+                    f"{table.name} is left out: its time '{name}' rises by {step:.6g} from row to row, which may be "
+                    f"{' or '.join(units)}: write its unit behind its name, as in '{name} [{units[0]}]'"
+                )
         return f"{table.name} is left out: the unit of its time '{name}' cannot be found, or it does not rise"
     return f"{table.name} is left out: no column of it is named as a time (once) and rises"
 
 
-def _candidate(name: str, values: npt.NDArray[Any], unit: str) -> TimeGuess | None:
+def _candidate(name: str, unit: str, table: Table, columns: dict[str, npt.NDArray[Any]]) -> TimeGuess | None:
+    values = columns[name]
     if values.dtype.kind == "M" or (values.dtype.kind in "OUT" and _is_text(values)):
         return _of_texts(name, values)
     ticks, bad = numbers(values)
@@ -104,22 +112,25 @@ def _candidate(name: str, values: npt.NDArray[Any], unit: str) -> TimeGuess | No
     restarts = _restarts(known)
     if restarts is None or not (restarts or known[-1] > known[0]):
         return None
-    step = float(np.median(np.diff(known)[rising]))
+    step = _usual_step(known)
     evidence = [f"it starts over {restarts} times, with a manoeuvre each"] if restarts else []
     if unit:
         evidence.append(f"{unit}: said by the header or the name")
     else:
-        units = [
-            u for u in ("s", "ms", "us", "ns") if _SHORTEST_STEP <= step * conversion(u, "s").factor < _LONGEST_STEP
-        ]
+        units, why = fitting_units(ticks, step, table, columns)
         if len(units) != 1:
             return None
         unit = units[0]
-        evidence.append(f"{unit}: it rises by {step:.6g} from row to row")
+        evidence += [f"{unit}: it rises by {step:.6g} from row to row", *([why] if why else [])]
     seconds = _running_on(ticks * conversion(unit, "s").factor)
-    plausible = _SHORTEST_STEP / 10.0 <= step * conversion(unit, "s").factor < 10.0 * _LONGEST_STEP
-    is_unix = bool(_UNIX[0] < np.nanmin(seconds) < _UNIX[1])
-    return TimeGuess(name, unit, seconds, is_unix, plausible, evidence, restarts=restarts)
+    plausible = is_usual_step(step * conversion(unit, "s").factor)
+    return TimeGuess(name, unit, seconds, is_unix_time(seconds), plausible, evidence, restarts=restarts)
+
+
+def _usual_step(known: Array) -> float:
+    """By how much times (n,) usually rise."""
+    steps = np.diff(known)
+    return float(np.median(steps[steps > 0.0]))
 
 
 def _restarts(known: Array) -> int | None:
