@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 import strange_layouts as layouts
 
+from aircraft_sysid_ros.commands.main import main
 from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.recordings.reader import read_recording
 from aircraft_sysid_ros.recordings.tabular.guess.first_map import guess_map
 from aircraft_sysid_ros.recordings.tabular.guess.names import guess_name
 
@@ -49,6 +51,31 @@ def test_a_unit_that_nothing_tells_is_left_to_the_user(tmp_path):
 def test_times_since_1970_tell_their_unit(tmp_path):
     time = guessed(tmp_path, "time", 1_717_164_300_000 + np.arange(6000), q=np.zeros(6000))
     assert (time.unit, time.is_unix, time.sure) == ("ms", True, True)
+
+
+def hhmmss(seconds):
+    """The time of day as receivers of GPS write it."""
+    return 10_000 * (seconds // 3600 % 24) + 100 * (seconds // 60 % 60) + seconds % 60
+
+
+@pytest.mark.parametrize("start", [50_730.0, 86_370.0])  # 14:05:30, and past midnight
+def test_hours_minutes_and_seconds_in_one_number_are_a_time_of_day(tmp_path, capsys, start):
+    """They had been seconds, and sure: a flight of 60 s took 99.9 s."""
+    seconds = np.round(start + 0.1 * np.arange(600), 1)
+    columns = {"p [rad/s]": np.sin(seconds), "q [rad/s]": np.cos(seconds), "r [rad/s]": np.cos(seconds)}
+    time = guessed(tmp_path, "utc", np.round(hhmmss(seconds), 1), **columns)
+    assert (time.unit, time.sure) == ("hhmmss", True)
+    where = [str(tmp_path / name) for name in ("log.csv", "map.yaml", "bag")]
+    assert main(["import", where[0], "--guess", where[1]]) == 0
+    assert main(["import", where[0], "--map", where[1], "--out", where[2]]) == 0
+    stamp = np.unique(read_recording(where[2]).samples.stamp)
+    np.testing.assert_allclose(np.diff(stamp), 1e8, atol=1e3)
+    assert stamp[0] / 1e9 % 86_400.0 == pytest.approx(start)
+
+
+def test_seconds_with_a_gap_of_40_s_are_no_time_of_day(tmp_path):
+    time = np.concatenate([np.arange(0.0, 40.0, 0.1), np.arange(110.0, 150.0, 0.1)])
+    assert guessed(tmp_path, "utc", time, p=np.sin(time)).unit == "s"
 
 
 @pytest.mark.parametrize(("name", "unit"), [("time_boot_ms", "ms"), ("millis", "ms"), ("micros", "us")])

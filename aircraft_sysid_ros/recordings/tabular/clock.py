@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.recordings.autopilot_log import NO_DATE, gps_nanoseconds
-from aircraft_sysid_ros.recordings.tabular.column_map import GPS, UTC, ColumnMap, TimeBase
+from aircraft_sysid_ros.recordings.tabular.column_map import GPS, HHMMSS, TEXT_TIMES, UTC, ColumnMap, TimeBase
 from aircraft_sysid_ros.recordings.tabular.table import imported, numbers
 from aircraft_sysid_ros.recordings.tabular.units import conversion
 from aircraft_sysid_ros.stamps import NANOSECONDS
@@ -28,8 +28,8 @@ _PAUSE_AT_MIDNIGHT = 600
 
 def stamps_of(values: npt.NDArray[Any], base: TimeBase, clock: str | datetime | None, where: str) -> Stamps:
     """Stamps (n,) of a time column (n,), NO_TIME where it is empty. Raises InputError for what is no time."""
-    if base.unit in ("iso", "irig"):
-        found = _of_texts(values, base.unit, clock, where)
+    if base.unit in TEXT_TIMES:
+        found = _of_hhmmss(values, clock, where) if base.unit == HHMMSS else _of_texts(values, base.unit, clock, where)
         return np.where(found == NO_TIME, NO_TIME, found + round(base.offset * NANOSECONDS))
     if values.dtype.kind in "mM" or _holds_times(values):
         raise InputError(f"{where} holds date-times: write unit: iso")
@@ -129,6 +129,24 @@ def _of_texts(values: npt.NDArray[Any], unit: str, clock: str | datetime | None,
         )
     found[there] = np.asarray(moments.tz_localize(None).to_numpy(), dtype="datetime64[ns]").astype(np.int64)
     return found
+
+
+def seconds_of_hhmmss(values: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """Seconds since midnight of times (n,) such as 140530.2, NaN for what is none."""
+    hours, minutes, seconds = values // 10_000, values // 100 % 100, values % 100
+    there = (values >= 0.0) & (hours < 24) & (minutes < 60) & (seconds < 60)
+    return np.where(there, 3600.0 * hours + 60.0 * minutes + seconds, np.nan)
+
+
+def _of_hhmmss(values: npt.NDArray[Any], clock: str | datetime | None, where: str) -> Stamps:
+    ticks, bad = numbers(values)
+    seconds = seconds_of_hhmmss(ticks)
+    missing = np.isnan(seconds)
+    if bad or (missing & np.isfinite(ticks)).any():
+        raise InputError(f"{where} holds numbers that are no time of day such as 140530.2, which is 14:05:30.2")
+    return np.where(
+        missing, NO_TIME, _date(clock, HHMMSS) + np.round(np.nan_to_num(seconds) * 1e6).astype(np.int64) * 1000
+    )
 
 
 def _within(text: str, pattern: re.Pattern[str], where: str) -> int:

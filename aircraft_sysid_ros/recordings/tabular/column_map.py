@@ -17,8 +17,10 @@ from aircraft_sysid_ros.recordings.tabular.signals import check_signal, near, un
 from aircraft_sysid_ros.recordings.tabular.units import Conversion, conversion
 
 UTC, GPS = "utc", "gps"
-#: Units of a time that is a text: a date-time or a time of day, and day of the year:hour:minute:second.
-TEXT_TIMES = ("iso", "irig")
+#: Unit of a time of day in one number, as receivers of GPS write it: 140530.2 is 14:05:30.2.
+HHMMSS = "hhmmss"
+#: Units of a time that is a text or a time of day: date-times or times of day, day of the year:hour:minute:second.
+TEXT_TIMES = ("iso", "irig", HHMMSS)
 _LARGEST_MAP = 1_000_000  # characters
 _LONGEST_SOURCE = 60
 
@@ -164,7 +166,7 @@ def _time(node: Any) -> TimeBase:
         try:
             conversion(unit, "s")
         except InputError as error:
-            _fail(keys["unit"], f"time: {error}; for times as text write iso or irig")
+            _fail(keys["unit"], f"time: {error}; for times as text write iso or irig, for 140530.2 hhmmss")
     offset, restarts = _number(keys.get("offset"), "offset", 0.0), _truth(keys.get("restarts"), "restarts")
     return TimeBase(column, unit, offset, node.start_mark.line + 1, restarts)
 

@@ -280,7 +280,7 @@ def _line(column: Column) -> Line:
 
 def _clock(parts: list[TablePart]) -> str | None:
     timed = [part.time for part in parts if part.time is not None]
-    if timed and all(time.is_unix for time in timed) and any(time.unit not in ("iso", "irig") for time in timed):
+    if timed and all(time.is_unix for time in timed) and any(time.unit not in TEXT_TIMES for time in timed):
         return "utc"
     if timed and all(time.unit == "days" and _counts_as_spreadsheets(time) for time in timed):
         return SPREADSHEET

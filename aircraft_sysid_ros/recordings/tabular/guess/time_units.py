@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from aircraft_sysid_ros.recordings.tabular.clock import seconds_of_hhmmss
 from aircraft_sysid_ros.recordings.tabular.guess.names import guess_name
 from aircraft_sysid_ros.recordings.tabular.table import Table, numbers
 from aircraft_sysid_ros.recordings.tabular.units import conversion
@@ -15,6 +16,7 @@ Array = npt.NDArray[np.float64]
 _SHORTEST_STEP, _LONGEST_STEP = 2e-4, 1.5  # [s]
 _UNIX = (9e8, 2.14e9)  # [s]
 _SHORTEST_FLIGHT = 2.0  # [s]
+_MOST_STEPS = 1.5  # from one minute to the next, of a time in hours, minutes and seconds
 #: By how much larger the numbers of a rate or of a speed may be than those of what they are the derivative of, in SI.
 _TURN, _LENGTH = (1.0, np.pi / 180.0, 180.0 / np.pi), (1.0, 2.0, 3.4, 0.3)  # m/s, kt, ft/s or km/h; ft beside m/s
 _LATITUDE = tuple(metres * speed for metres in (111_195.0, 6.371e6, 0.0111195) for speed in (1.0, 2.0, 3.4))
@@ -38,6 +40,18 @@ def is_unix_time(seconds: Array) -> bool:
 def is_usual_step(seconds: float) -> bool:
     """Whether tables come in steps like this."""
     return 0.1 * _SHORTEST_STEP <= seconds < 10.0 * _LONGEST_STEP
+
+
+def is_hhmmss(ticks: Array) -> bool:
+    """Whether times (n,) are hours, minutes and seconds in one number: from 59 s they jump on to the next minute."""
+    known = ticks[np.isfinite(ticks)]
+    seconds = seconds_of_hhmmss(known)
+    if len(known) < 3 or np.isnan(seconds).any():
+        return False
+    steps, in_seconds = np.diff(known), np.diff(seconds) % 86_400.0
+    jumps = np.abs(steps - in_seconds) > 1.0
+    rising = in_seconds[in_seconds > 0.0]
+    return bool(jumps.any() and np.median(in_seconds[jumps]) < _MOST_STEPS * np.median(rising))
 
 
 def fitting_units(

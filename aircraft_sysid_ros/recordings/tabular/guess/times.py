@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -10,9 +11,9 @@ import numpy.typing as npt
 
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.recordings.tabular.clock import NO_TIME, days_later, stamps_of
-from aircraft_sysid_ros.recordings.tabular.column_map import TEXT_TIMES, TimeBase
+from aircraft_sysid_ros.recordings.tabular.column_map import HHMMSS, TEXT_TIMES, TimeBase
 from aircraft_sysid_ros.recordings.tabular.guess.names import TIME, guess_name
-from aircraft_sysid_ros.recordings.tabular.guess.time_units import fitting_units, is_unix_time, is_usual_step
+from aircraft_sysid_ros.recordings.tabular.guess.time_units import fitting_units, is_hhmmss, is_unix_time, is_usual_step
 from aircraft_sysid_ros.recordings.tabular.table import Table, numbers
 from aircraft_sysid_ros.recordings.tabular.units import conversion
 from aircraft_sysid_ros.samples import PAUSE
@@ -104,6 +105,8 @@ def _candidate(name: str, unit: str, table: Table, columns: dict[str, npt.NDArra
     if values.dtype.kind == "M" or (values.dtype.kind in "OUT" and _is_text(values)):
         return _of_texts(name, values)
     ticks, bad = numbers(values)
+    if unit in ("", "s") and not bad and is_hhmmss(ticks):
+        return _of_texts(name, values, [HHMMSS])
     ticks = _past_midnight(ticks)
     known = ticks[np.isfinite(ticks)]
     rising = np.diff(known) > 0.0
@@ -171,8 +174,8 @@ def _is_text(values: npt.NDArray[Any]) -> bool:
     return first is not None and not isinstance(first, (int, float))
 
 
-def _of_texts(name: str, values: npt.NDArray[Any]) -> TimeGuess | None:
-    for unit in ("iso", "irig"):
+def _of_texts(name: str, values: npt.NDArray[Any], units: Sequence[str] = ("iso", "irig")) -> TimeGuess | None:
+    for unit in units:
         try:
             stamps = stamps_of(values, TimeBase(name, unit, 0.0, 0), None, name)
         except InputError:
@@ -180,5 +183,6 @@ def _of_texts(name: str, values: npt.NDArray[Any]) -> TimeGuess | None:
         seconds = _past_midnight(np.where(stamps == NO_TIME, np.nan, stamps * 1e-9))
         known = seconds[np.isfinite(seconds)]
         if len(known) > 2 and not (np.diff(known) < 0.0).any() and known[-1] > known[0]:
-            return TimeGuess(name, unit, seconds, True, True, [f"{unit}: texts that are times"])
+            told = "numbers that are hours, minutes and seconds" if unit == HHMMSS else "texts that are times"
+            return TimeGuess(name, unit, seconds, True, True, [f"{unit}: {told}"])
     return None
