@@ -25,6 +25,7 @@ _SPELLINGS = {
     "°k": "kelvin", "deg r": "degR", "degr": "degR", "°r": "degR",
     "pct": "percent", "%": "percent", "lbs": "lb", "lbf": "lbf", "psf": "lbf/ft^2",
     "inhg": "inHg", "in hg": "inHg", "in-hg": "inHg", "mb": "mbar", "hpa": "hPa", "kpa": "kPa", "pa": "Pa",
+    "mmhg": "mmHg",
     "sec": "s", "secs": "s", "seconds": "s", "msec": "ms", "usec": "us", "nsec": "ns", "hr": "hour",
     "hrs": "hour", "slug/ft3": "slug/ft^3", "kg/m3": "kg/m^3", "rev/min": "rpm", "rev/s": "turn/s", "rps": "turn/s",
     "r/min": "rpm", "u/min": "rpm", "tr/min": "rpm", "1/min": "rpm",
@@ -38,6 +39,11 @@ _COMMON = (
     "slug/ft^3", "kg",
     "lb", "N", "lbf", "%", "s", "ms", "us", "ns", "min", "hour",
 )  # fmt: skip
+#: Units that are meant where they are in capitals, and not molars, siemens or nothing at all.
+_IN_CAPITALS = frozenset({
+    "M", "KM", "CM", "MM", "FT", "S", "MS", "MIN", "H", "HR", "HOUR", "KT", "KNOT", "KNOTS", "MPH", "DEG", "RAD", "REV",
+    "RPM", "G", "KG", "LB", "LBF", "KGF", "SLUG", "PSI", "BAR", "MBAR",
+})  # fmt: skip
 _ALLOWED = re.compile(r"[\w\s°º%µμ./*^()²³⁻¹·'+-]{0,40}")
 _NUMBER_FIRST = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*\*?\s*(?=[A-Za-z°º%µμ])")
 _SUPERSCRIPTS = str.maketrans({"²": "^2", "³": "^3", "·": "*"})
@@ -124,7 +130,8 @@ def _parsed(unit: str, si_unit: str | None) -> tuple[float, Any]:
     number = _NUMBER_FIRST.match(text)
     scale = float(number.group(1)) if number else 1.0
     rest = text[number.end() :] if number else text
-    spelt = _SPELLINGS.get(rest.lower(), rest).translate(_SUPERSCRIPTS)
+    in_capitals = _IN_CAPITALS.issuperset(re.findall("[^\\W\\d_]+", rest))
+    spelt = _SPELLINGS.get(rest.lower(), rest.lower() if in_capitals else rest).translate(_SUPERSCRIPTS)
     if spelt == "1":
         return scale, registry.Unit("dimensionless")
     if not _ALLOWED.fullmatch(rest) or re.search(r"\d\s*(\*\*|\^)|(\*\*|\^)\s*\(?\s*-?\d{2}", spelt):

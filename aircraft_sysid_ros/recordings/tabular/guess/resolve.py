@@ -71,7 +71,9 @@ def _turns(columns: dict[str, Column]) -> dict[str, float]:
         if signal in columns:
             values = columns[signal].values
             span = np.nanmax(np.abs(values)) if np.isfinite(values).any() else 0.0
-            turns[signal] = 360.0 if columns[signal].said_unit == "deg" or span > 6.5 else 2.0 * np.pi
+            said = columns[signal].said_unit
+            in_degrees = span > 6.5 or (bool(said) and conversion(said, "rad").factor < 1.0)
+            turns[signal] = 360.0 if in_degrees else 2.0 * np.pi
     return turns
 
 
@@ -118,7 +120,7 @@ def _yaw_offset(flight: Flight, column: Column) -> None:
     mean = np.nanmean(np.where(flight.flying(), differences, np.nan))
     quarter = round(float(np.angle(mean)) / (0.5 * np.pi))
     if quarter and abs(mean) > 0.5:
-        column.offset = quarter * column.sign * (90.0 if column.unit == "deg" else 0.5 * np.pi)
+        column.offset = quarter * column.sign * 0.5 * np.pi / column.factor
         column.evidence.append(f"counted from another direction: the course over ground is {90 * quarter} deg off")
 
 

@@ -105,7 +105,7 @@ def _candidate(name: str, unit: str, table: Table, columns: dict[str, npt.NDArra
     if values.dtype.kind == "M" or (values.dtype.kind in "OUT" and _is_text(values)):
         return _of_texts(name, values)
     ticks, bad = numbers(values)
-    if unit in ("", "s") and not bad and is_hhmmss(ticks):
+    if (not unit or conversion(unit, "s").factor == 1.0) and not bad and is_hhmmss(ticks):
         return _of_texts(name, values, [HHMMSS])
     ticks = _past_midnight(ticks)
     known = ticks[np.isfinite(ticks)]
