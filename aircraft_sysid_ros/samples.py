@@ -155,7 +155,12 @@ def joined(parts: Sequence[Samples]) -> tuple[Samples, list[int]]:
 def span(samples: Samples) -> tuple[int, int]:
     """First and last stamp [ns] that can be right: of the IMU, which is the clock, where there is one."""
     of_imu = samples.stamp[samples.kind == Kind.IMU]
-    sound = sound_stamps(of_imu if len(of_imu) else samples.stamp)
+    return first_and_last(of_imu if len(of_imu) else samples.stamp)
+
+
+def first_and_last(stamps: npt.NDArray[np.int64]) -> tuple[int, int]:
+    """The first and the last of stamps [ns] (n,) of a recording that can be right."""
+    sound = sound_stamps(stamps)
     return int(sound.min()), int(sound.max())
 
 

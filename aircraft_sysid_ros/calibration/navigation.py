@@ -20,7 +20,7 @@ from aircraft_sysid_ros.reconstruction.found_noise import FLIGHT, found_noise, s
 from aircraft_sysid_ros.reconstruction.smoother_history import SmootherHistory
 from aircraft_sysid_ros.reconstruction.state import D_ATTITUDE, StateField
 from aircraft_sysid_ros.reconstruction.state_estimator import StateEstimator
-from aircraft_sysid_ros.samples import REQUIRED_VALUES, Kind, Samples, is_absurd
+from aircraft_sysid_ros.samples import REQUIRED_VALUES, Kind, Samples, first_and_last, is_absurd
 from aircraft_sysid_ros.stamps import NANOSECONDS, seconds
 
 Array = npt.NDArray[np.float64]
@@ -228,5 +228,5 @@ def in_span(samples: Samples, navigation: Navigation, span: tuple[float, float] 
     """Which instants (n,) lie between two times [s] from the first sample of the recording; all without a span."""
     if span is None:
         return np.ones(len(navigation.time), dtype=bool)
-    start = (int(samples.stamp.min()) - navigation.epoch) / NANOSECONDS
+    start = (first_and_last(samples.stamp)[0] - navigation.epoch) / NANOSECONDS
     return np.asarray((navigation.time >= start + span[0]) & (navigation.time <= start + span[1]))

@@ -26,6 +26,7 @@ from aircraft_sysid_ros.pipeline import Pipeline
 from aircraft_sysid_ros.reconstruction.options import StateOptions
 from aircraft_sysid_ros.run_reader import journal_path
 from aircraft_sysid_ros.run_writer import RunWriter
+from aircraft_sysid_ros.samples import first_and_last
 
 
 def add_parser(subparsers: Any) -> argparse.ArgumentParser:
@@ -53,10 +54,10 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     correction = content.get("calibration")  # of samples that are on disk as corrected
     if correction and pipeline.state.options.air_data_errors:
         pipeline.state.take_start(start_of_calibration(calibration_from_dict(correction["content"])))
-    seconds = (int(samples.stamp.max()) - int(samples.stamp.min())) * 1e-9
+    first, last = first_and_last(samples.stamp)
     told = [
         f"the flight was cut off, or its run could not be written: recovered from the {len(samples)} samples of "
-        f"{seconds:.1f} s that were on disk; what came after them, if anything, is lost"
+        f"{(last - first) * 1e-9:.1f} s that were on disk; what came after them, if anything, is lost"
     ]
     with RunWriter(args.run, aircraft, overwrite=args.overwrite) as writer:
         with telling() as tell:

@@ -35,6 +35,7 @@ from aircraft_sysid_ros.reconstruction.options import StateOptions
 from aircraft_sysid_ros.recordings.autopilot_bag_import import is_autopilot_bag
 from aircraft_sysid_ros.recordings.losses import losses
 from aircraft_sysid_ros.run_reader import AIRCRAFT, read_parameters, read_points, read_samples, read_state
+from aircraft_sysid_ros.samples import first_and_last
 
 #: Signals of the condition in which a parameter was learnt.
 _CONDITION = ("V", "alpha")
@@ -150,7 +151,7 @@ def _answer_of(job: Job, folder: Path) -> Answer:
     replay([str(recording)], job.aircraft, run, ReplayOptions(state=StateOptions(calm_air=job.options.calm_air)))
     answer: Answer = {"ok": True, "reason": "", "duration": checked["duration"], "findings": checked["findings"]}
     answer["losses"] = losses(found.notes)
-    answer["start"] = int(read_samples(run).stamp.min())
+    answer["start"] = first_and_last(read_samples(run).stamp)[0]
     answer["parameters"] = _parameters(run)
     reasons = [*answer["losses"], unread]
     answer["axes"], told = _tried(lambda: compare_run(run).json["axes"], "not compared", {})

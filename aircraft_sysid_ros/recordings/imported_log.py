@@ -15,6 +15,7 @@ from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.recordings.segment_list import Span, add_segments
 from aircraft_sysid_ros.recordings.writer import RecordingWriter
 from aircraft_sysid_ros.ros_messages.conversion import INPUTS_TOPIC, TOPICS
+from aircraft_sysid_ros.samples import first_and_last
 from aircraft_sysid_ros.stamps import NANOSECONDS
 
 Array = npt.NDArray[np.float64]
@@ -81,8 +82,7 @@ def write_log(log: ImportedLog, source: str | Path, out: str | Path, *, overwrit
             type_name = topic.type_name or TOPICS[topic.topic]
             writer.write(topic.topic, type_name, topic.stamp, topic.fields, frame_id=topic.frame_id)
         notes += _manoeuvres(log.manoeuvres, topics, writer)
-    start = min(int(topic.stamp[0]) for topic in topics)
-    end = max(int(topic.stamp[-1]) for topic in topics)
+    start, end = first_and_last(np.concatenate([topic.stamp for topic in topics]))
     return {
         "log": str(source),
         "format": log.format,
@@ -99,10 +99,10 @@ def write_log(log: ImportedLog, source: str | Path, out: str | Path, *, overwrit
 def _manoeuvres(spans: list[Span], topics: list[ImportedTopic], writer: RecordingWriter) -> list[str]:
     """A list of segments beside the recording, of what lies in it."""
     imu = next((topic.stamp for topic in topics if topic.topic == "imu/data"), None)
-    inside = [] if imu is None else [s for s in spans if s.begin < int(imu[-1]) and s.end > int(imu[0])]
-    if imu is None or not inside:
+    first, last = (0, 0) if imu is None else first_and_last(imu)
+    inside = [span for span in spans if span.begin < last and span.end > first]
+    if not inside:
         return []
-    first, last = int(imu[0]), int(imu[-1])
     cut = [Span(s.name, max(s.begin, first), min(s.end, last)) for s in inside]
     path = add_segments(writer, cut, first)
     return [f"System ID flew {len(cut)} sweep{'s' * (len(cut) > 1)}, for replay --segments {path}"]
@@ -119,6 +119,7 @@ def _timed(topic: ImportedTopic) -> ImportedTopic:
 
 def _describe(topic: ImportedTopic) -> dict[str, Any]:
     count = len(topic.stamp)
-    duration = (int(topic.stamp[-1]) - int(topic.stamp[0])) / NANOSECONDS
+    first, last = first_and_last(topic.stamp)
+    duration = (last - first) / NANOSECONDS
     rate = (count - 1) / duration if duration > 0.0 else 0.0
     return {"messages": count, "rate": round(rate, 2), "source": topic.source}

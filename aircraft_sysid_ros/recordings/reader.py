@@ -22,7 +22,7 @@ from aircraft_sysid_ros.ros_messages.conversion import (
     samples_and_rows,
     topics_of,
 )
-from aircraft_sysid_ros.samples import Samples, concatenate, sound_stamps
+from aircraft_sysid_ros.samples import Samples, concatenate, first_and_last
 from aircraft_sysid_ros.stamps import NANOSECONDS
 
 #: No message holds more samples than this.
@@ -45,12 +45,12 @@ class Recording:
     @property
     def start(self) -> int:
         """Earliest stamp [ns] that can be right."""
-        return int(sound_stamps(self.samples.stamp).min())
+        return first_and_last(self.samples.stamp)[0]
 
     @property
     def end(self) -> int:
         """Latest stamp [ns] that can be right."""
-        return int(sound_stamps(self.samples.stamp).max())
+        return first_and_last(self.samples.stamp)[1]
 
     @property
     def duration(self) -> float:

@@ -8,7 +8,7 @@ import pytest
 from aircraft_sysid_ros.aircraft.frames import quaternion_from_euler, rotation_matrix, velocity_from_air_data
 from aircraft_sysid_ros.calibration import five_hole_probe as probe
 from aircraft_sysid_ros.calibration.five_hole_probe import NAMES1, NAMES2, ProbeData
-from aircraft_sysid_ros.calibration.navigation import Navigation
+from aircraft_sysid_ros.calibration.navigation import Navigation, in_span
 from aircraft_sysid_ros.calibration.procedure import Task, residuals, solve
 from aircraft_sysid_ros.calibration.report import calibrate_probe
 from aircraft_sysid_ros.calibration.segments import find_segments
@@ -169,6 +169,14 @@ def test_segments_need_flight():
                        np.zeros(n), np.zeros((n, 3)), np.zeros(3))  # fmt: skip
     with pytest.raises(InputError, match="a calibration needs 30 s"):
         find_segments(still, np.ones(n, dtype=bool), 0.04)
+
+
+def test_a_stamp_of_zero_does_not_move_the_times_of_a_calibration():
+    """They counted from 1970, where nothing was flown."""
+    time = np.arange(100) * 0.1
+    flown = Navigation(EPOCH, time, *[np.zeros((100, 3))] * 6, np.zeros(3))
+    samples = samples_of(Kind.IMU, np.append(0, EPOCH + np.round(time * 1e9).astype(np.int64)), np.zeros((101, 6)))
+    assert np.flatnonzero(in_span(samples, flown, (1.95, 4.05))).tolist() == list(range(20, 41))
 
 
 @pytest.mark.long

@@ -528,6 +528,14 @@ def test_a_vane_that_is_off_is_found_and_a_sound_one_is_not(aircraft, flight):
     assert f"add {-error.value:.1f}°" in error.words  # and not: take -1.5° off
 
 
+def test_a_stamp_of_zero_does_not_move_the_middle_of_a_flight(monkeypatch, aircraft, flight):
+    """The second half was all of it, and no constant that moved was found."""
+    monkeypatch.setattr(instruments, "air_data_errors", lambda aircraft, half: {})
+    samples = replace(flight.samples, stamp=np.append(0, flight.samples.stamp[1:]))
+    first, second = (len(half) for half, _ in instruments._halves(aircraft, samples))
+    assert first == pytest.approx(second, rel=0.1)
+
+
 @pytest.mark.parametrize(("ahead", "said"), [(-0.05, []), (0.03, ["off"])])
 def test_of_a_vane_that_nobody_has_placed_a_zero_is_off_wherever_it_is(monkeypatch, aircraft, flight, ahead, said):
     """On the boom of a jet, of which the file said nothing, a sound vane showed 2.4° too much."""

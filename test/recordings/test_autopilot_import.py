@@ -15,12 +15,14 @@ from aircraft_sysid_ros.commands import import_log
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.recordings.autopilot_bag_import import is_autopilot_bag
 from aircraft_sysid_ros.recordings.autopilot_log import gps_nanoseconds
+from aircraft_sysid_ros.recordings.imported_log import ImportedLog, ImportedTopic, write_log
 from aircraft_sysid_ros.recordings.injections import injections
 from aircraft_sysid_ros.recordings.manoeuvres import read_segments
 from aircraft_sysid_ros.recordings.reader import read_recording
+from aircraft_sysid_ros.recordings.segment_list import Span
 from aircraft_sysid_ros.recordings.tables import read_table
 from aircraft_sysid_ros.recordings.writer import RecordingWriter
-from aircraft_sysid_ros.ros_messages.conversion import TOPICS
+from aircraft_sysid_ros.ros_messages.conversion import TOPICS, imu_fields
 from aircraft_sysid_ros.samples import Kind
 
 RATE, DURATION, BOOT = 50, 4.0, 77.5  # [Hz], [s], [s] time since start at the first sample
@@ -714,6 +716,19 @@ def test_the_recording_does_not_go_onto_the_log(tmp_path):
     mat.write_bytes(b"x")
     with pytest.raises(InputError, match="needs none"):
         run_import(mat, tmp_path / "bag", tmp_path / "c.yaml")
+
+
+def test_a_stamp_of_zero_moves_neither_the_begin_of_a_log_nor_its_sweeps(tmp_path):
+    """It began in 1970, and the segments 56 years after it."""
+    stamp = UNIX * 10**9 + np.round(TIME * 1e9).astype(np.int64)
+    stamp[0] = 0
+    imu = ImportedTopic("imu/data", stamp, imu_fields(FORCE, RATES), "IMU")
+    sweeps = [Span("roll", int(stamp[51]), int(stamp[101]))]
+    report = write_log(ImportedLog("a log", [imu], {}, manoeuvres=sweeps), "flight.bin", tmp_path / "bag")
+    assert report["start"].startswith("2025-10-09") and report["duration"] == pytest.approx(TIME[-1] - TIME[1])
+    assert report["topics"]["imu/data"]["rate"] == pytest.approx(RATE, rel=0.01)
+    (segment,) = read_segments(str(tmp_path / "bag.segments.yaml"), [tmp_path / "bag"])
+    assert (segment.start, segment.stop) == (1.0, 2.0)
 
 
 def test_a_sweep_has_three_seconds_around_it():

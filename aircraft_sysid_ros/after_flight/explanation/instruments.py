@@ -22,7 +22,7 @@ from aircraft_sysid_ros.aircraft.sensor_settings import CONTROLS
 from aircraft_sysid_ros.diagnosis.flight.constant_errors import Offset, air_data_errors, offset_of
 from aircraft_sysid_ros.diagnosis.measurement.setting import feigns_wind
 from aircraft_sysid_ros.effects.effect import with_setting
-from aircraft_sysid_ros.samples import Kind, Samples
+from aircraft_sysid_ros.samples import Kind, Samples, first_and_last
 
 _DEGREES = 180.0 / np.pi
 #: How far ahead vanes may be, over the span, where nobody says it: nose booms of jets.
@@ -131,7 +131,7 @@ def _sure_from(*offsets: Offset) -> float:
 
 def _halves(aircraft: Aircraft, samples: Samples) -> list[tuple[Samples, dict[str, dict[str, float]]]]:
     """Each half of a flight, and the errors as it tells them by itself; none where it has no airspeed."""
-    second = samples.stamp > (int(samples.stamp.min()) + int(samples.stamp.max())) // 2
+    second = samples.stamp > sum(first_and_last(samples.stamp)) // 2
     return [(half, air_data_errors(aircraft, half)) for half in (samples[~second], samples[second])]
 
 
