@@ -166,8 +166,12 @@ def first_and_last(stamps: npt.NDArray[np.int64]) -> tuple[int, int]:
 
 def sound_stamps(stamps: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
     """Those of stamps [ns] (n,) of a recording that can be right: a driver may begin with one of 0."""
-    middle = np.partition(stamps, len(stamps) // 2)[len(stamps) // 2]  # one of them, where they are in two groups too
-    return stamps[np.abs(stamps - middle) < _LONGEST]
+    return stamps[np.abs(stamps - middle_stamp(stamps)) < _LONGEST]
+
+
+def middle_stamp(stamps: npt.NDArray[np.int64]) -> int:
+    """The middle one of stamps [ns] (n,): of two groups one of the later, and nothing between them."""
+    return int(np.partition(stamps, len(stamps) // 2)[len(stamps) // 2])
 
 
 def manoeuvres(samples: Samples) -> list[Samples]:

@@ -17,7 +17,7 @@ from aircraft_sysid_ros.aircraft.configuration import Aircraft
 from aircraft_sysid_ros.aircraft.named_inputs import NamedInput
 from aircraft_sysid_ros.aircraft.sensor_settings import DEFAULT_SENSORS
 from aircraft_sysid_ros.aircraft.unsaid_places import doubt_of_imu, doubt_of_vanes
-from aircraft_sysid_ros.samples import Kind, Samples
+from aircraft_sysid_ros.samples import Kind, Samples, middle_stamp
 from aircraft_sysid_ros.stamps import NANOSECONDS
 
 Array = npt.NDArray[np.float64]
@@ -217,7 +217,7 @@ def flight_of(
     """The flight of samples (n,) as they arrived, with their arrivals [ns] (n,), the named ``inputs`` in the order of
     their values, and what else is ``known`` of it.
     """
-    away = np.abs(samples.stamp - np.median(samples.stamp)) / NANOSECONDS > _LONGEST
+    away = np.abs(samples.stamp - middle_stamp(samples.stamp)) / NANOSECONDS > _LONGEST
     kept = samples[~away]
     start, end = int(kept.stamp.min()), int(kept.stamp.max())
 

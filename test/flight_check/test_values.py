@@ -30,6 +30,14 @@ def with_column(samples, kind, column, change):
     return Samples(samples.stamp, samples.kind, values)
 
 
+def test_a_half_of_the_stamps_that_is_0_leaves_the_other(flown):
+    """Nothing was near to the middle between them: an error of NumPy."""
+    part = flown[:8000]
+    stamps = np.where(np.arange(8000) < 4000, 0, part.stamp)
+    judged = flight_of(Samples(stamps, part.kind, part.values), part.stamp)
+    assert judged.duration == pytest.approx(float(np.ptp(part.stamp[4000:])) * 1e-9)
+
+
 def test_an_airspeed_below_zero_is_an_error_and_noise_at_rest_is_none(flown):
     east = with_column(flown, Kind.AIRSPEED, 0, lambda v: 15.0 * np.sin(np.arange(len(v)) / 300.0))
     kind, severity, sentence = next(each for each in said(east, "true_airspeed") if each[0] == "sign")
