@@ -6,6 +6,7 @@ import numpy as np
 
 from aircraft_sysid_ros.recordings.tabular.guess.flight_columns import FASTEST, SLOWEST, Flight, G
 from aircraft_sysid_ros.recordings.tabular.guess.laws_of_one import CANDIDATES
+from aircraft_sysid_ros.recordings.tabular.guess.names import is_time_step
 from aircraft_sysid_ros.recordings.tabular.guess.series import SPEEDS, Column
 from aircraft_sysid_ros.recordings.tabular.signals import VECTORS
 from aircraft_sysid_ros.recordings.tabular.units import conversion
@@ -13,6 +14,7 @@ from aircraft_sysid_ros.samples import share_below_zero
 
 AXES, RATES, ATTITUDE = VECTORS["specific_force"], VECTORS["angular_velocity"], VECTORS["attitude"]
 SURFACES = ("elevator", "aileron", "rudder", "flaps")
+_MOST_POSITIONS = 5  # of a lever for flaps
 
 
 def by_values(flight: Flight) -> None:
@@ -28,15 +30,15 @@ def by_values(flight: Flight) -> None:
     _place_in_radians(flight)
     if flight.has("static_pressure"):
         _pressure(flight.columns["static_pressure"])
-    density, throttle = (flight.columns.get(signal) for signal in ("air_density", "throttle"))
+    density = flight.columns.get("air_density")
     if density is not None and not density.unit:
         median = float(np.median(density.numbers))
         if 0.3 < median < 1.5 or 0.0006 < median < 0.0029:
             density.take_unit("kg/m^3" if median > 0.1 else "slug/ft^3", f"it is {median:.3g}")
-    if throttle is not None and not throttle.unit:
-        most = float(np.max(throttle.numbers))
-        if 0.0 < most <= 1.1 or 3.0 < most <= 110.0:
-            throttle.take_unit("1" if most <= 1.1 else "%", f"it goes up to {most:.3g}")
+    if flight.has("throttle"):
+        _throttle(flight.columns["throttle"])
+    if flight.has("flaps"):
+        _flaps(flight.columns["flaps"])
     for signals in (ATTITUDE, ("angle_of_attack", "sideslip"), SURFACES):
         _degrees(flight, signals)
     _degrees_per_second(flight)
@@ -112,6 +114,24 @@ def _pressure(column: Column) -> None:
     fitting = [u for u in CANDIDATES["Pa"] if 68_000.0 < median * conversion(u, "Pa").factor < 106_000.0]
     if not column.unit and len(fitting) == 1:
         column.take_unit(fitting[0], f"it is {median:.4g}, the air below 3000 m")
+
+
+def _throttle(column: Column) -> None:
+    if column.unit or column.doubt:
+        return
+    low, median, high = np.percentile(column.numbers, (5, 50, 95))
+    most = float(np.max(column.numbers))
+    if is_time_step(column.name) and (most < 0.2 or high - low < 0.2 * median):
+        column.doubt = "it may be the time from row to row"
+    elif 0.0 < most <= 1.1 or 3.0 < most <= 110.0:
+        column.take_unit("1" if most <= 1.1 else "%", f"it goes up to {most:.3g}")
+
+
+def _flaps(column: Column) -> None:
+    """A few whole numbers without a unit are degrees, or the number of a position."""
+    levels = np.unique(column.numbers)
+    if not column.unit and not column.doubt and len(levels) <= _MOST_POSITIONS and bool(np.all(levels == np.round(levels))):
+        column.doubt = "it may be the positions of a lever, and no angle"
 
 
 def _degrees(flight: Flight, signals: tuple[str, ...]) -> None:

@@ -5,10 +5,12 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 
 import yaml
 
+from aircraft_sysid_ros.recordings.tabular.guess.series import SPEEDS
 from aircraft_sysid_ros.recordings.tabular.header import split_unit
 from aircraft_sysid_ros.recordings.tabular.signals import UNITS
 from aircraft_sysid_ros.recordings.tabular.units import dimension_fits, is_unit
@@ -36,6 +38,8 @@ _LETTERS = str.maketrans({
     "α": "alpha", "β": "beta", "φ": "phi", "θ": "theta", "ψ": "psi", "ρ": "rho", "δ": "d",
     "ä": "ae", "ö": "oe", "ü": "ue", "Ä": "Ae", "Ö": "Oe", "Ü": "Ue", "ß": "ss", "é": "e", "è": "e", "ê": "e", "à": "a",
 })  # fmt: skip
+#: A receiver of GPS has a course, which is called a heading, and a speed over ground; neither is what these names say.
+_RECEIVERS, _HEADINGS = frozenset({"gps", "gnss"}), frozenset({"heading", "hdg", "head"})
 _UNIT_OF_TRACK = {"speed": "m/s", "course": "rad"}
 _INDEX = re.compile(r"\[(\d)\](?=$|_)")
 _FIELD_OF_ROS = re.compile(r"^field\.|^_\.|^/")
@@ -64,6 +68,8 @@ def guess_name(column: str, unit: str = "", table: str = "") -> NameGuess | None
         said = unit if is_unit(unit) else said or _SAYS_UNIT.get("_".join(tokens), "")
         if (said and not _fits(said, signal)) or (not said and (is_command(column) or tokens[0] in _NEEDS_UNIT)):
             continue  # a command of -1 to 1 is no angle
+        if not _RECEIVERS.isdisjoint(words) and (signal in SPEEDS or not _HEADINGS.isdisjoint(words)):
+            continue
         guess = NameGuess(signal, said, sign, 100 * cost + rank)
         if best is None or guess.distance < best.distance:
             best = guess
@@ -101,7 +107,16 @@ def is_command(column: str) -> bool:
 
 def is_of_another(column: str) -> bool:
     """Whether a name says that the column is no measurement: a demand, an error, a count, …"""
-    return not _OTHERS.isdisjoint(_words(column))
+    return _is_of_another(_words(column))
+
+
+def is_time_step(column: str) -> bool:
+    """Whether a name may mean the time from row to row as well."""
+    return "_".join(_words(column)) in ("dt", "d_t", "delta_t")
+
+
+def _is_of_another(words: list[str]) -> bool:
+    return not _OTHERS.isdisjoint([*words, *map("_".join, pairwise(words))])
 
 
 def _without_brackets(column: str, unit: str) -> tuple[str, str]:
@@ -133,7 +148,7 @@ def _plain(word: str) -> str:
 
 def _readings(words: list[str]) -> list[tuple[list[str], str, int]]:
     """Words without an ending that is a unit and without words of the source: tokens, unit, how much was left out."""
-    if any(word in _OTHERS for word in words):
+    if _is_of_another(words):
         return [(tokens, unit, 0) for tokens, unit in _without_unit(words) if "_".join(tokens) in _BY_NAME]
     found: list[tuple[list[str], str, int]] = []
     for tokens, unit in _without_unit(words):
