@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from aircraft_sysid_ros.aircraft.atmosphere import altitude_at
 from aircraft_sysid_ros.recordings.tabular.guess.flight_columns import FASTEST, SLOWEST, Flight, G
 from aircraft_sysid_ros.recordings.tabular.guess.laws_of_one import CANDIDATES
 from aircraft_sysid_ros.recordings.tabular.guess.names import is_time_step
@@ -15,6 +16,8 @@ from aircraft_sysid_ros.samples import share_below_zero
 AXES, RATES, ATTITUDE = VECTORS["specific_force"], VECTORS["angular_velocity"], VECTORS["attitude"]
 SURFACES = ("elevator", "aileron", "rudder", "flaps")
 _MOST_POSITIONS = 5  # of a lever for flaps
+_AIR = (10_000.0, 106_000.0)  # [Pa] from 16 km down to below the sea
+_BELOW_5500_M, _BELOW_2000_M = 50_000.0, 80_000.0  # [Pa]
 
 
 def by_values(flight: Flight) -> None:
@@ -27,9 +30,10 @@ def by_values(flight: Flight) -> None:
     for signal in ("latitude", "longitude"):
         if flight.has(signal):
             _place(flight.columns[signal])
+    _same_place(flight)
     _place_in_radians(flight)
     if flight.has("static_pressure"):
-        _pressure(flight.columns["static_pressure"])
+        _pressure(flight)
     density = flight.columns.get("air_density")
     if density is not None and not density.unit:
         median = float(np.median(density.numbers))
@@ -80,7 +84,7 @@ def _gravity(flight: Flight) -> None:
 
 
 def _place(column: Column) -> None:
-    if column.unit:
+    if column.unit or column.doubt:
         return
     most = float(np.max(np.abs(column.numbers)))
     limit = 90.0 if column.signal == "latitude" else 180.0
@@ -88,6 +92,16 @@ def _place(column: Column) -> None:
         column.take_unit("1e-7 deg", f"it is {most:.6g}")
     elif np.pi * (0.5 if limit < 100 else 1.0) < most <= limit:
         column.take_unit("deg", f"it is {most:.5g}")
+
+
+def _same_place(flight: Flight) -> None:
+    """Latitude and longitude of one table have one unit: near 0 degrees are as small as radians."""
+    if not flight.has("latitude", "longitude"):
+        return
+    pair = [flight.columns[signal] for signal in ("latitude", "longitude")]
+    for column, other in (pair, pair[::-1]):
+        if other.unit and column.table == other.table and not column.doubt:
+            column.take_unit(other.unit, f"as {other.name}")
 
 
 def _place_in_radians(flight: Flight) -> None:
@@ -109,11 +123,39 @@ def _place_in_radians(flight: Flight) -> None:
             return
 
 
-def _pressure(column: Column) -> None:
+def _pressure(flight: Flight) -> None:
+    """The unit that alone is a pressure of the air, or that alone fits to the altitude, be it in metres or in feet."""
+    column = flight.columns["static_pressure"]
+    if column.unit or column.doubt:
+        return
     median = float(np.median(column.numbers))
-    fitting = [u for u in CANDIDATES["Pa"] if 68_000.0 < median * conversion(u, "Pa").factor < 106_000.0]
-    if not column.unit and len(fitting) == 1:
-        column.take_unit(fitting[0], f"it is {median:.4g}, the air below 3000 m")
+    fitting = {u: median * conversion(u, "Pa").factor for u in CANDIDATES["Pa"]}
+    fitting = {unit: pascals for unit, pascals in fitting.items() if _AIR[0] < pascals < _AIR[1]}
+    if len(fitting) == 1:
+        column.take_unit(next(iter(fitting)), f"it is {median:.4g}, and with another no pressure of the air")
+        return
+    heights = _possible_heights(flight)
+    agreeing = [
+        unit
+        for unit, pascals in fitting.items()
+        if any(abs(height - float(altitude_at(pascals))) < 300.0 + 0.1 * abs(height) for height in heights)
+    ]
+    if len(agreeing) == 1:
+        column.take_unit(agreeing[0], f"it is {median:.4g}, and fits to the altitude")
+    low = [unit for unit, pascals in fitting.items() if pascals > _BELOW_5500_M]
+    if not heights and len(low) == 1 and fitting[low[0]] > _BELOW_2000_M:
+        column.take_unit(low[0], f"it is {median:.4g}, the air below 2000 m")
+        column.sure = False
+
+
+def _possible_heights(flight: Flight) -> list[float]:
+    """Medians [m] of the altitudes, in metres and in feet where their unit is not known."""
+    return [
+        float(np.median(column.numbers)) * factor
+        for signal in ("altitude", "pressure_altitude")
+        if (column := flight.columns.get(signal)) is not None and len(column.numbers)
+        for factor in ([column.factor] if column.unit else [1.0, conversion("ft", "m").factor])
+    ]
 
 
 def _throttle(column: Column) -> None:
@@ -129,8 +171,10 @@ def _throttle(column: Column) -> None:
 
 def _flaps(column: Column) -> None:
     """A few whole numbers without a unit are degrees, or the number of a position."""
+    if column.unit or column.doubt:
+        return
     levels = np.unique(column.numbers)
-    if not column.unit and not column.doubt and len(levels) <= _MOST_POSITIONS and bool(np.all(levels == np.round(levels))):
+    if len(levels) <= _MOST_POSITIONS and bool(np.all(levels == np.round(levels))):
         column.doubt = "it may be the positions of a lever, and no angle"
 
 
