@@ -54,7 +54,7 @@ from aircraft_sysid_ros.run_reader import (
     STATE,
     corrected_note,
 )
-from aircraft_sysid_ros.samples import Samples, concatenate
+from aircraft_sysid_ros.samples import Kind, Samples, are_sound, concatenate
 from aircraft_sysid_ros.stamps import nanoseconds
 from aircraft_sysid_ros.text_file import put_in_place, write_whole
 
@@ -62,6 +62,8 @@ Array = npt.NDArray[np.float64]
 
 #: States written per second of flight: the live topic has them all.
 STATE_RATE = 25.0
+#: So many samples of a flight may be days from the others.
+_STRAYS = 10
 
 
 class RunWriter:
@@ -184,7 +186,7 @@ class RunWriter:
                 new.mkdir()
                 self._write_estimates(new / ESTIMATES, state.epoch or 0, parameters)
                 self._write_points(new / POINTS, state.epoch or 0, parameters)
-                samples = concatenate([*self._samples])
+                samples = _without_strays(concatenate([*self._samples]))
                 np.savez(new / SAMPLES, stamp=samples.stamp, kind=samples.kind.astype(np.int8), values=samples.values)
                 aircraft = yaml.safe_dump(parameters.aircraft.source, sort_keys=False, explicit_end=True)
                 (new / AIRCRAFT).write_text(aircraft, encoding="utf8")
@@ -285,6 +287,16 @@ def state_json(state: StateEstimator) -> dict[str, Any]:
 def write_json(path: Path, content: Any) -> None:
     """JSON for people and programs; raises OSError."""
     write_whole(path, json_text(content) + "\n")
+
+
+def _without_strays(samples: Samples) -> Samples:
+    """Samples without a few that are days from all others: the first message of a driver may be of 1970.
+
+    More of them are a clock that was set in flight.
+    """
+    sound = are_sound(samples.stamp)
+    few = np.count_nonzero(~sound) <= _STRAYS and not np.any(samples.kind == Kind.SEAM)
+    return samples[sound] if few else samples
 
 
 def _held(parameters: Sequence[Mapping[str, Any]], why: str) -> list[dict[str, Any]]:

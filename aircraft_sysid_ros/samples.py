@@ -166,7 +166,14 @@ def first_and_last(stamps: npt.NDArray[np.int64]) -> tuple[int, int]:
 
 def sound_stamps(stamps: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
     """Those of stamps [ns] (n,) of a recording that can be right: a driver may begin with one of 0."""
-    return stamps[np.abs(stamps - middle_stamp(stamps)) < _LONGEST]
+    return stamps[are_sound(stamps)]
+
+
+def are_sound(stamps: npt.NDArray[np.int64]) -> npt.NDArray[np.bool_]:
+    """Which of stamps [ns] (n,) of a recording can be right."""
+    if not len(stamps):
+        return np.zeros(0, np.bool_)
+    return np.asarray(np.abs(stamps - middle_stamp(stamps)) < _LONGEST)
 
 
 def middle_stamp(stamps: npt.NDArray[np.int64]) -> int:

@@ -18,6 +18,7 @@ from aircraft_sysid_ros.commands.main import main
 from aircraft_sysid_ros.processes import ONE_THREAD
 from aircraft_sysid_ros.recordings.writer import RecordingWriter
 from aircraft_sysid_ros.ros_messages.conversion import TOPICS, nanoseconds_of
+from aircraft_sysid_ros.run_reader import read_samples
 from aircraft_sysid_ros.sensors.sensor_models import SensorOptions
 from aircraft_sysid_ros.simulation.simulated_flight import simulate_samples
 
@@ -695,6 +696,19 @@ def test_single_samples_with_old_stamps(cli, short, aircraft_file, tmp_path):
         streams.append(replaced(stream, stamp=stream.stamp - 2 * SECOND * old))
     result = replay(cli, write(tmp_path / "bag", streams), aircraft_file, tmp_path / "run")
     check_good(result, short, "samples were late")
+
+
+@pytest.mark.long
+def test_a_first_stamp_of_zero_is_not_in_the_run(cli, short, aircraft_file, tmp_path):
+    """A driver whose first message is of 1970: what reads the run had counted its flight from there."""
+    streams = []
+    for stream in short.streams:
+        first = np.arange(len(stream.stamp)) == 0
+        streams.append(replaced(stream, stamp=np.where(first, 0, stream.stamp)))
+    result = replay(cli, write(tmp_path / "bag", streams), aircraft_file, tmp_path / "run")
+    check_good(result, short, "")
+    stamps = read_samples(tmp_path / "run").stamp
+    assert stamps.max() - stamps.min() < 100 * SECOND
 
 
 def test_the_installed_command_is_this_one():
