@@ -12,6 +12,7 @@ from aircraft_sysid_ros.aircraft.named_inputs import NamedInput
 from aircraft_sysid_ros.commands.main import main
 from aircraft_sysid_ros.mavlink.servo_mapping import load_servo_mapping
 from aircraft_sysid_ros.recordings.reader import read_recording
+from aircraft_sysid_ros.recordings.tabular.guess.first_map import guess_map
 from aircraft_sysid_ros.samples import Kind
 
 PULSES = """outputs:
@@ -87,6 +88,25 @@ def test_outputs_of_tables_become_what_the_calibration_says(kind, outputs, tmp_p
     assert np.isnan(found[:, 2]).all()  # no rudder
     inputs = samples.values[samples.kind == Kind.INPUTS][:, 0]
     np.testing.assert_allclose(inputs, mapping.input_values(columns)[:, 0], atol=1e-6)
+
+
+def test_of_a_log_of_paparazzi_with_several_aircraft_one_is_read(tmp_path, capsys):
+    """A ground station logs all that it hears: the messages of two were one flight."""
+    lines = []
+    for i in range(400):
+        lines.append(f"{20 + 0.05 * i:.4f} 3 IMU_GYRO 0.1 0.1 0.1")
+        lines.append(f"{20 + 0.05 * i:.4f} 3 IMU_ACCEL 0.0 0.0 -9.8")
+        lines += [f"{20.02 + 0.05 * i:.4f} 7 IMU_GYRO 0.7 0.7 0.7"] * (i % 2)
+        lines += [f"{20.02 + 0.05 * i:.4f} 7 ATTITUDE 0.7 0.7 0.7"] * (i % 2)
+    (tmp_path / "x.data").write_text("\n".join(lines) + "\n")
+    told = "the messages of aircraft 3 are read, and those of 7 are left out"
+    assert told in guess_map(tmp_path / "x.data").notes
+    bag = str(tmp_path / "bag")
+    assert main(["import", str(tmp_path / "x.data"), "--out", bag, "--json"]) == 0
+    assert f"IMU_GYRO: {told}" in json.loads(capsys.readouterr().out)["notes"]
+    samples = read_recording(bag).samples
+    imu = samples.values[samples.kind == Kind.IMU]
+    np.testing.assert_allclose(imu[:, 3:6], 0.1, atol=1e-9)
 
 
 def test_a_map_of_a_folder_reads_the_one_file_of_it(outputs, tmp_path):

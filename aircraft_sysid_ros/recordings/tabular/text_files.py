@@ -5,6 +5,7 @@ from __future__ import annotations
 import gzip
 import itertools
 import re
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -149,14 +150,20 @@ class TextTable(Table):
 
 @dataclass(frozen=True)
 class MessageTable(Table):
-    """The messages of one name, one a line: time, aircraft, name, fields between blanks or commas."""
+    """The messages of one name and aircraft, one a line: time, aircraft, name, fields between blanks or commas."""
 
     path: Path = Path()
+    aircraft: str = ""
+
+    @property
+    def said(self) -> list[str]:
+        """See Table."""
+        return [self.note] if self.note else []
 
     def pieces(self, positions: Sequence[int], rows: int) -> Iterator[list[npt.NDArray[Any]]]:
         """See Table."""
         found: list[list[float]] = []
-        for values in _messages(self.path, self.name):
+        for values in _messages(self.path, self.aircraft, self.name):
             values += [np.nan] * (len(self.columns) - len(values))
             found.append([values[i] for i in positions])
             if len(found) >= rows:
@@ -167,24 +174,33 @@ class MessageTable(Table):
 
 
 def _message_tables(path: Path) -> list[Table]:
-    widths: dict[str, int] = {}
+    """The messages of the aircraft that has most of them: a ground station logs all that it hears."""
+    widths: dict[str, dict[str, int]] = {}
+    counts: Counter[str] = Counter()
     with _opened(path) as file:
         for line in file:
             match = _MESSAGE.match(line)
             if match:
-                fields = len(re.split(r"[ ,]+", match.group(4).strip())) if match.group(4) else 0
-                widths[match.group(3)] = max(widths.get(match.group(3), 0), fields)
+                _, aircraft, name, text = match.groups()
+                fields = len(re.split(r"[ ,]+", text.strip())) if text else 0
+                of_aircraft = widths.setdefault(aircraft, {})
+                of_aircraft[name] = max(of_aircraft.get(name, 0), fields)
+                counts[aircraft] += 1
+    chosen, *others = sorted(counts, key=lambda aircraft: (-counts[aircraft], int(aircraft)))
+    left_out = f"the messages of aircraft {chosen} are read, and those of {', '.join(others)} are left out"
     return [
-        MessageTable(name, ("time", *(str(i + 1) for i in range(width))), {"time": "s"}, path=path)
-        for name, width in sorted(widths.items())
+        MessageTable(
+            name, ("time", *(str(i + 1) for i in range(width))), {"time": "s"}, left_out * bool(others), path, chosen
+        )
+        for name, width in sorted(widths[chosen].items())
     ]
 
 
-def _messages(path: Path, name: str) -> Iterator[list[float]]:
+def _messages(path: Path, aircraft: str, name: str) -> Iterator[list[float]]:
     with _opened(path) as file:
         for line in file:
             match = _MESSAGE.match(line)
-            if match and match.group(3) == name:
+            if match and match.group(2, 3) == (aircraft, name):
                 yield [
                     float(match.group(1)),
                     *(_number(text) for text in re.split(r"[ ,]+", (match.group(4) or "").strip())),
