@@ -133,14 +133,16 @@ def _fitted(motion: Motion, speed: Array, ground: Array, thin: npt.NDArray[np.in
     course = np.unwrap(np.arctan2(u[:, 1], u[:, 0]))
     found: list[Relation] = []
     turned = np.ptp(course) > _TURNED and np.hypot(*wind) < 0.9 * np.median(np.linalg.norm(u, axis=1))
+    low, high = scale - 3.0 * std, scale + 3.0 * std
     if not turned:  # only a unit can be told, where no wind explains it, or by changes of the speed
-        over_ground = float(np.median(np.linalg.norm(u, axis=1)))
-        explained = abs(float(np.median(v)) - over_ground) < max(_STRONGEST[0], _STRONGEST[1] * float(np.median(v)))
-        scale, std = (np.nan if explained else typical), 0.15 * typical
+        usual, over_ground = float(np.median(v)), float(np.median(np.linalg.norm(u, axis=1)))
+        strongest = max(_STRONGEST[0], _STRONGEST[1] * usual)
+        low, high = 0.55 * typical, 1.45 * typical
+        if abs(usual - over_ground) < strongest:
+            low, high = usual / (over_ground + strongest), usual / max(over_ground - strongest, 0.05 * usual)
         found += _slow(motion, speed, np.linalg.norm(ground, axis=1), "the changes of the GPS speed", 0.3)
-    if scale > 0.0:
-        low, high = max(scale - 3.0 * std, 1e-6), scale + 3.0 * std
-        comparison = Comparison(1.0, low, high, 0.0, np.inf, 1e3, seconds)
+    if scale > 0.0 or not turned:
+        comparison = Comparison(1.0, max(low, 1e-6), high, 0.0, np.inf, 1e3, seconds)
         words = f"the GPS speed less a wind of {np.hypot(*wind):.1f} m/s" if turned else "the GPS speed"
         found.append(Relation("true_airspeed", "velocity.north", comparison, words, _SCALE, has_lag=False))
     if turned:
