@@ -114,6 +114,30 @@ def test_slow_columns_that_are_held_give_their_own_samples(flown, tmp_path):
     assert any("only repeat the one before" in note for note in report["notes"])
 
 
+@pytest.mark.parametrize("slow", [True, False])
+def test_a_fast_height_does_not_hide_that_a_gps_is_held(slow, tmp_path):
+    """Of a GPS at 5 Hz in rows of 50 Hz every row was a fix, where the altitude or the climb came from elsewhere."""
+    time = np.arange(0.0, 40.0, 0.02)
+    measured = time // 0.2 * 0.2 if slow else time
+    noise = np.random.default_rng(1).normal(size=(6, len(time)))
+    columns = {
+        **dict(zip(("fx", "fy", "fz", "p", "q", "r"), noise, strict=True)),
+        "lat": 44.7 + 1e-4 * measured, "lon": -93.0 + 1e-4 * np.sin(measured), "alt": 300.0 + np.sin(time),
+        "vn": 20.0 + np.sin(measured), "ve": np.cos(measured), "vd": -np.cos(time),
+    }  # fmt: skip
+    layouts.write_rows(tmp_path / "x.csv", ["t", *columns], [time, *columns.values()])
+    lines = signals_of("specific_force", ("fx", "fy", "fz")) + signals_of("angular_velocity", ("p", "q", "r"))
+    lines += [("latitude", "lat", "deg"), ("longitude", "lon", "deg"), ("altitude", "alt", "m")]
+    lines += [(f"velocity.{way}", f"v{way[0]}", "m/s") for way in ("north", "east", "down")]
+    mapped = ", ".join(f"{signal}: {{column: {column}, unit: {unit}}}" for signal, column, unit in lines)
+    text = "tables: [{time: {column: t, unit: s}, signals: {" + mapped + "}}]"
+    report, samples, _ = imported(tmp_path / "x.csv", text, tmp_path)
+    count = len(time) // (10 if slow else 1)
+    assert [(samples.kind == kind).sum() for kind in (Kind.GPS_POSITION, Kind.GPS_VELOCITY)] == [count, count]
+    notes = [note for note in report["notes"] if "only repeat the one before" in note]
+    assert [note.split(": ")[0] for note in notes] == ["geodetic", "velocity"] * slow
+
+
 def test_an_altitude_in_whole_feet_that_stands_still_in_level_flight_keeps_its_rows(tmp_path):
     """Rounding repeats a value for as long as the flight has it, a slow sensor for as many rows each time."""
     time = np.arange(0.0, 200.0, 0.1)

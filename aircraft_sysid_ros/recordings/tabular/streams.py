@@ -38,6 +38,8 @@ _FEWEST_ROWS = 3  # between restarts of a time
 #: Commands may stand still, and so does warm air; of everything else that repeats itself most of the time only what is
 #: new was measured.
 _MAY_STAND_STILL = ("controls", "inputs", "mass", "air_temperature")
+#: A GPS measures these at once; its height, or its climb, may come from another sensor that is faster.
+_OVER_GROUND = ("latitude", "longitude", "position.north", "position.east", "velocity.north", "velocity.east")
 _DAY = 86_400.0  # [s]
 _EPOCH = datetime.fromtimestamp(0, timezone.utc)
 _HELD_SHARE, _FEWEST_NEW = 0.45, 10  # fewer new ones are no sensor but a constant
@@ -60,6 +62,7 @@ class Stream:
     folder: Path
     count: int = 0
     repeated: int = 0
+    repeated_over_ground: int = 0  # rows with the same values of _OVER_GROUND as the one before
     measured: set[str] = field(default_factory=set)  # signals that have a value anywhere
     marks: list[int] = field(default_factory=list, repr=False)  # stamp [ns] of every ROWS-th row
     newest: int = 0  # stamp [ns]
@@ -84,6 +87,8 @@ class Stream:
         rows = np.concatenate([before, values])
         same = (rows[1:] == rows[:-1]) | (np.isnan(rows[1:]) & np.isnan(rows[:-1]))
         self.repeated += int(same.all(axis=1).sum())
+        if columns := self._over_ground:
+            self.repeated_over_ground += int((rows[1:, columns] == rows[:-1, columns]).all(axis=1).sum())
         self.marks += stamp[-self.count % ROWS :: ROWS].tolist()
         self.newest = int(stamp[-1])
         self.count += len(stamp)
@@ -93,15 +98,27 @@ class Stream:
                 np.ascontiguousarray(content).tofile(out)
 
     @property
-    def is_held(self) -> bool:
-        """Whether most rows repeat the one before: a slow sensor in the rows of a fast one, and it comes regularly.
+    def _over_ground(self) -> list[int]:
+        """The columns of _OVER_GROUND."""
+        return [i for i, signal in enumerate(self.signals) if signal in _OVER_GROUND]
+
+    @property
+    def held(self) -> list[int]:
+        """The columns of which most rows repeat the one before; none where no slow sensor is in the rows of a fast one.
 
         What was rounded off repeats itself, too, but for as long as the flight has it: an altitude in whole feet.
         """
-        is_slow = self.repeated > _HELD_SHARE * self.count and self.count - self.repeated >= _FEWEST_NEW
+        every = list(range(len(self.signals)))
+        if self._is_held(self.repeated, every):
+            return every
+        return self._over_ground if self._is_held(self.repeated_over_ground, self._over_ground) else []
+
+    def _is_held(self, repeated: int, columns: list[int]) -> bool:
+        """Whether most rows repeat the one before in some columns, for about as many rows each time."""
+        is_slow = repeated > _HELD_SHARE * self.count and self.count - repeated >= _FEWEST_NEW
         if not is_slow or self.name in _MAY_STAND_STILL:
             return False
-        runs = np.diff(np.flatnonzero(np.concatenate([fresh for _, fresh in self._fresh()])))
+        runs = np.diff(np.flatnonzero(np.concatenate([fresh for _, fresh in self._fresh(columns)])))
         usual, longer = np.percentile(runs, (50, 90))
         return bool(usual >= 2 and longer <= _LONGEST_HELD * usual and usual * self.step <= _SLOWEST)
 
@@ -156,20 +173,20 @@ class Stream:
             self.forget()
         return new
 
-    def without_repeats(self) -> Stream:
-        """The rows that differ from the one before."""
+    def without_repeats(self, columns: list[int]) -> Stream:
+        """The rows that differ from the one before in some columns."""
         new = Stream(self.name, self.signals, self.source, self.folder)
-        for first, fresh in self._fresh():
+        for first, fresh in self._fresh(columns):
             rows = slice(first, first + ROWS)
             new.add(self.stamp[rows][fresh], self.values[rows][fresh])
             self.forget()
         return new
 
-    def _fresh(self) -> Iterator[tuple[int, npt.NDArray[np.bool_]]]:
-        """Piece by piece its first row, and which of its rows differ from the one before."""
-        last = np.full((1, len(self.signals)), np.inf)
+    def _fresh(self, columns: list[int]) -> Iterator[tuple[int, npt.NDArray[np.bool_]]]:
+        """Piece by piece its first row, and which of its rows differ from the one before in some columns."""
+        last = np.full((1, len(columns)), np.inf)
         for first in range(0, self.count, ROWS):
-            values = np.array(self.values[first : first + ROWS])
+            values = np.array(self.values[first : first + ROWS, columns])
             rows = np.concatenate([last, values])
             same = (rows[1:] == rows[:-1]) | (np.isnan(rows[1:]) & np.isnan(rows[:-1]))
             last = values[-1:]
@@ -240,7 +257,7 @@ def _apart(of_tables: list[tuple[int, list[Stream]]]) -> list[str]:
 
 
 def _settled(stream: Stream, notes: list[str]) -> Stream:
-    if not stream.is_held:
+    if not (held := stream.held):
         if (number := stream.interpolated) < 2:
             return stream
         new = stream.every(number)
@@ -249,9 +266,11 @@ def _settled(stream: Stream, notes: list[str]) -> Stream:
             f"{stream.count} are kept"
         )
         return new
-    new = stream.without_repeats()
+    new = stream.without_repeats(held)
+    alone = "" if len(held) == len(stream.signals) else f" in {' and '.join(stream.signals[i] for i in held)}"
     notes.append(
-        f"{stream.name}: {stream.count - new.count} of {stream.count} rows only repeat the one before and are left out"
+        f"{stream.name}: {stream.count - new.count} of {stream.count} rows only repeat the one before{alone} "
+        "and are left out"
     )
     notes += [
         f"{stream.name}: its value does not change from {begin:.1f} to {end:.1f} s: it is stuck there, or nothing "

@@ -76,8 +76,8 @@ def guess_map(path: Path, mapping: ServoMapping | None = None) -> FirstMap:
     tables, notes = _tables(source)
     known = known_lines(source, [table for _, table in tables], mapping)
     if known is not None:
-        told = dict.fromkeys(table.note for _, table in tables if table.note)
-        return _of_known_kind(tables, known[0], [*notes, *told, *known[1]])
+        noted = dict.fromkeys(table.note for _, table in tables if table.note)
+        return _of_known_kind(tables, known[0], [*notes, *noted, *known[1]])
     if mapping is not None:
         raise InputError(f"--calibration is for logs of autopilots, and {path} is not one that is known")
     notes += [note for _, table in tables if (note := table.note or _without_names(table))]
