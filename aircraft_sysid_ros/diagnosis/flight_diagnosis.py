@@ -36,7 +36,7 @@ from aircraft_sysid_ros.effects import LIBRARY, OF_SERVOS
 from aircraft_sysid_ros.effects.effect import MEASUREMENT, Effect, with_setting
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.identification.coefficients.layout import CoefficientSample
-from aircraft_sysid_ros.samples import Kind, Samples
+from aircraft_sysid_ros.samples import Kind, Samples, first_and_last
 
 #: Times that an error of a sensor, as the coefficients show it, is corrected by what they show then.
 _CORRECTIONS = 2
@@ -98,7 +98,7 @@ def diagnose_flight(
     listed |= {finding.setting.effect.identifier for finding in settings}
     unseen = out_of_reach(bench, library, samples, calm, listed)
     zero = flight.epoch + int(1e9 * (flight.points[0, CoefficientSample.TIME] - data.begin))
-    first = int(samples.stamp[samples.kind != Kind.SEAM].min())
+    first, _ = first_and_last(samples.stamp[samples.kind != Kind.SEAM])
     return FlightDiagnosis(data, tuple(settings), result, repeated, calm, tuple(unseen), zero, first)
 
 

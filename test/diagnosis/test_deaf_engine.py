@@ -113,6 +113,13 @@ def test_an_airspeed_tells_itself_since_when_it_reads_less():
     assert " s (± 5.0 s) to the end of the flight" in sentence_of_airspeed(step)
 
 
+def test_a_stamp_of_0_does_not_move_the_times_of_an_airspeed():
+    samples, times = circling(0.88, 1.0), [Times(200.0, None, 0.5, np.nan)]
+    stamp = samples.stamp + 1_760_000_000 * 10**9
+    begun = replace(samples, stamp=np.where(np.arange(len(stamp)) == 9, 0, stamp))
+    assert airspeed_step(begun, times) == airspeed_step(begun, times, zero=int(stamp[0])) is not None
+
+
 @pytest.mark.parametrize(("asked", "error"), [(240.0, 45.0), (215.0, 30.0), (240.0, 1.0)])
 def test_of_two_dates_that_of_the_speeds_is_the_sharper(asked, error):
     step = airspeed_step(circling(0.88, 0.2), [Times(asked, None, error, np.nan)])

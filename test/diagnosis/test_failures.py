@@ -189,6 +189,18 @@ def test_forces_of_the_balance_are_those_of_the_imu(engine) -> None:
     assert balance.band < 1.1, "commands come at 2.5 Hz"
 
 
+@pytest.mark.parametrize("kind", [Kind.IMU, Kind.AIRSPEED])
+def test_a_stamp_of_0_is_no_time_of_a_flight(engine, kind) -> None:
+    """A driver that began with one made a grid of decades: no memory was enough for it."""
+    at = np.flatnonzero(engine.samples.kind == kind)[0]
+    stamp = engine.samples.stamp.copy()
+    stamp[at] = 0
+    begun, without = replace(engine.samples, stamp=stamp), engine.samples[np.arange(len(stamp)) != at]
+    balances = [force_balance(engine.aircraft, samples) for samples in (begun, without)]
+    assert balances[0].begin == balances[1].begin and balances[0].recorded_from == balances[1].recorded_from
+    np.testing.assert_array_equal(balances[0].measured, balances[1].measured)
+
+
 # -- flights --------------------------------------------------------------------------------------------------
 
 

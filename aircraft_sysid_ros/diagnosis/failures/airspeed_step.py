@@ -24,7 +24,7 @@ from aircraft_sysid_ros.flight_check.steady_wind import (
     blocks_of,
     difference_of_courses,
 )
-from aircraft_sysid_ros.samples import Kind, Samples
+from aircraft_sysid_ros.samples import Kind, Samples, are_sound
 
 Array = npt.NDArray[np.float64]
 
@@ -57,6 +57,7 @@ def airspeed_step(samples: Samples, times: Sequence[Times], zero: int | None = N
 
     What goes on to the end of the flight began when the speeds say so, within SEARCHED of what was asked.
     """
+    samples = samples[are_sound(samples.stamp)]
     imu = samples.stamp[samples.kind == Kind.IMU]
     if not len(imu):
         return None

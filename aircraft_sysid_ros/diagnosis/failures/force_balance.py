@@ -27,7 +27,7 @@ from aircraft_sysid_ros.diagnosis.flight.motion_coefficients import coefficients
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.reconstruction.ground_speed_wind import GroundSpeedWind, wind_of_ground_speed
 from aircraft_sysid_ros.reconstruction.servo_lag import servo_lag
-from aircraft_sysid_ros.samples import CONTROL_COLUMNS, Kind, Samples, is_absurd
+from aircraft_sysid_ros.samples import CONTROL_COLUMNS, Kind, Samples, are_sound, first_and_last, is_absurd
 from aircraft_sysid_ros.sensors.sensor_models import first_order_lag
 from aircraft_sysid_ros.stretches import longest_stretch
 
@@ -85,7 +85,7 @@ class _Series:
     """The series of a flight, on a fine grid [s from the first sample of the IMU]."""
 
     def __init__(self, aircraft: Aircraft, samples: Samples) -> None:
-        sound: Mask = np.asarray(~is_absurd(samples).any(axis=1))
+        sound: Mask = np.asarray(~is_absurd(samples).any(axis=1) & are_sound(samples.stamp))
         self._samples = servo_lag(aircraft).follow(samples[sound])
         self._delay = {Kind.CONTROLS: aircraft.sensors["control_surfaces"].delay}
         self._delay[Kind.INPUTS] = self._delay[Kind.CONTROLS]
@@ -209,7 +209,7 @@ def force_balance(
         raise InputError(f"the flight has {seconds}")
     at = np.arange(0, len(series.grid), every)[keep]
     return ForceBalance(
-        aircraft, time[at], begin, int(samples.stamp.min()), step, band, measured[at], signals[at],
+        aircraft, time[at], begin, first_and_last(samples.stamp)[0], step, band, measured[at], signals[at],
         pressure[at] / float(np.mean(pressure[at])), angles, wind, has_airspeed, full_thrust[at],
     )  # fmt: skip
 

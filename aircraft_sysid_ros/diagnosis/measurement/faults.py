@@ -48,7 +48,7 @@ from aircraft_sysid_ros.effects.effect import Effect, ShapeParameter, with_setti
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.processes import in_parallel
 from aircraft_sysid_ros.reconstruction.state import LearntNoise
-from aircraft_sysid_ros.samples import Kind, Samples
+from aircraft_sysid_ros.samples import Kind, Samples, first_and_last
 
 #: A wind that walks this much less is tried with what feigns one, again and again down to that [m/s per sqrt(s)].
 _CALMER, _CALMEST = 0.5, 0.004
@@ -234,7 +234,7 @@ def _in_both_halves(better: Aircraft, file: Aircraft, samples: Samples, noise: L
     """Whether no half of the samples speaks against a setting, as far as a half can be flown by itself."""
     if np.any(samples.kind == Kind.SEAM):
         return True
-    middle = (samples.stamp[0] + samples.stamp[-1]) // 2
+    middle = sum(first_and_last(samples.stamp)) // 2
     halves = (samples[samples.stamp < middle], samples[samples.stamp >= middle])
     gains = [log_likelihood(better, half, noise).over(log_likelihood(file, half, noise)) for half in halves]
     return all(gained > -THRESHOLDS.half_against or not np.isfinite(gained) for gained in gains)
