@@ -238,7 +238,10 @@ class Assembler:
         return (mapping.airspeed_meaning, mapping.airspeed_scale, mapping.airspeed_offset) != (None, 1.0, 0.0)
 
     def choose(self, readings: Iterable[Reading]) -> None:
-        """A whole log is at hand: of each quantity the best source of it that says something, throughout."""
+        """A whole log is at hand: of each quantity the best source of it that says something, throughout.
+
+        But for positions: where a receiver has no fix, what its autopilot makes of that is dead reckoning.
+        """
         self._keep = None
         usable: dict[tuple[Quantity, str], int] = {}
         for reading in readings:
@@ -246,7 +249,8 @@ class Assembler:
             usable[key] = usable.get(key, 0) + _count_usable(reading)
         for quantity, order in self._ranks.items():
             there = [name for name in order if (quantity, name) in usable]
-            there.sort(key=lambda name: not usable[quantity, name])
+            if quantity is not Quantity.POSITION:
+                there.sort(key=lambda name: not usable[quantity, name])
             best = there[:1]
             is_free = quantity is not Quantity.AIRSPEED or not self._corrects_airspeed
             for name in there[1:] if is_free else ():

@@ -324,6 +324,17 @@ def test_a_correction_of_the_airspeed_is_for_the_one_that_counts_live(correction
     assert [(o.source, len(o.stamp)) for o in made if o.topic == "air_data"] == [("airspeed (indicated)", 20)]
 
 
+def test_a_log_without_any_fix_has_no_dead_reckoning_in_its_place():
+    nowhere = [np.nan] * 6
+    readings = [
+        reading(Quantity.POSITION, "GPS_RAW_INT", 5.0, [*nowhere, -1.0]),
+        reading(Quantity.POSITION, "GLOBAL_POSITION_INT", 5.0, [0.8, -1.6, 300.0, np.nan, np.nan, np.nan, -2.0]),
+        reading(Quantity.VELOCITY, "GLOBAL_POSITION_INT", 5.0, [15.0, 0.0, 0.0]),
+    ]
+    made, _ = assembled(readings, MAVLINK, servo_mapping_from_dict({}))
+    assert {(o.topic, o.source) for o in made} == {("gps/fix", "GPS_RAW_INT")}
+
+
 def test_each_engine_tells_its_own_speed():
     speeds = reading(Quantity.PROPELLER, "ESC", 20.0, [np.nan, np.nan])
     speeds.values[::2, 0], speeds.values[1::2, 1] = 6000.0, 5400.0
