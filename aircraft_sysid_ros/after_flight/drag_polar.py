@@ -350,9 +350,8 @@ def _explained(columns: Array, wanted: Array, number: npt.NDArray[np.int64]) -> 
     for part in range(_FOLDS):
         held = fold == part
         first, last = np.flatnonzero(held)[[0, -1]]
-        before = (at >= first - _SHARING) & (number == number[first])
-        after = (at <= last + _SHARING) & (number == number[last])
-        fitted = np.where(at < first, ~before, (at > last) & ~after)
+        nearest = np.clip(at, first, last)  # of those that are held out
+        fitted = ~held & ((np.abs(at - nearest) > _SHARING) | (number != number[nearest]))
         left[held] = wanted[held] - columns[held] @ _solved(columns[fitted], wanted[fitted])
     return 1.0 - float(np.mean(left**2) / np.var(wanted))
 

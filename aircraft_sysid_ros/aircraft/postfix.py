@@ -139,6 +139,18 @@ def is_undefined(
 
 
 @njit(cache=True)
+def _zero_undefined(
+    code: npt.NDArray[np.float64],
+    offsets: npt.NDArray[np.int64],
+    signals: npt.NDArray[np.float64],
+    out: npt.NDArray[np.float64],
+) -> None:
+    for k in range(len(out)):
+        if not np.isfinite(out[k]) and is_undefined(out[k], code, offsets[k], offsets[k + 1], signals):
+            out[k] = 0.0
+
+
+@njit(cache=True)
 def evaluate_terms(
     code: npt.NDArray[np.float64],
     offsets: npt.NDArray[np.int64],
@@ -150,9 +162,7 @@ def evaluate_terms(
     As NaN it would keep its whole axis from learning for as long as it lasts.
     """
     evaluate_programs(code, offsets, signals, out)
-    for k in range(len(out)):
-        if not np.isfinite(out[k]) and is_undefined(out[k], code, offsets[k], offsets[k + 1], signals):
-            out[k] = 0.0
+    _zero_undefined(code, offsets, signals, out)
 
 
 @njit(cache=True)
@@ -191,6 +201,4 @@ def evaluate_term_rows(
     """``evaluate_terms`` on signal rows, shape (n, SIGNAL_COUNT), into ``out`` (n, len(offsets) - 1)."""
     evaluate_rows(code, offsets, rows, out)
     for i in range(len(rows)):
-        for k in range(len(offsets) - 1):
-            if not np.isfinite(out[i, k]) and is_undefined(out[i, k], code, offsets[k], offsets[k + 1], rows[i]):
-                out[i, k] = 0.0
+        _zero_undefined(code, offsets, rows[i], out[i])

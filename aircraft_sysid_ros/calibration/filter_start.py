@@ -27,13 +27,12 @@ from aircraft_sysid_ros.estimation.two_stage.problem import Problem
 from aircraft_sysid_ros.estimation.two_stage.residual_sampling import Progress, candidates, sample_residuals
 from aircraft_sysid_ros.estimation.two_stage.sampling import Prior
 from aircraft_sysid_ros.reconstruction.air_data_errors import UNKNOWN_STD, StartValues
-from aircraft_sysid_ros.reconstruction.drift import Drift
+from aircraft_sysid_ros.reconstruction.drift import SENSORS, Drift
 from aircraft_sysid_ros.samples import Kind, Samples
 from aircraft_sysid_ros.stamps import NANOSECONDS
 
 Array = npt.NDArray[np.float64]
 
-_SENSORS = {Kind.AIRSPEED: "airspeed", Kind.ANGLE_OF_ATTACK: "angle_of_attack", Kind.SIDESLIP: "sideslip"}
 #: A batch is no longer than this [s].
 LONGEST = 600.0
 
@@ -152,10 +151,9 @@ def _batch(samples: Samples, aircraft: Aircraft) -> tuple[ProbeData, Grid, Navig
     whole, drift = navigate(samples, aircraft), Drift(aircraft)
     drift.since = float(whole.time[0])
     shown = []
-    for kind, name in _SENSORS.items():
-        sensor = aircraft.sensors[name]
-        time, values = series(samples, kind, whole.epoch, 1, sensor.delay)
-        shown.append((time, drift.without(time, np.full(len(time), kind), values / sensor.scale)))
+    for kind, name in SENSORS.items():
+        time, values = series(samples, kind, whole.epoch, 1, aircraft.sensors[name].delay)
+        shown.append((time, drift.corrected(time, np.full(len(time), kind), values)))
     grid = common_grid(whole.time, *(time for time, _ in shown))
     navigation = whole.at(grid, shown[0][0])
     speed, alpha, beta = (grid.means(time, values)[:, 0] for time, values in shown)

@@ -200,8 +200,7 @@ class Assembler:
         self._held = {quantity: Held() for quantity in Quantity}
         self._named: dict[str, Held] = {target: Held() for target in self.mapping.named_values.values()}
         self._told: dict[Quantity, Array] = {}  # the newest that went out, and that was held
-        self._known: dict[Quantity, Array] = {}
-        self._fresh = {quantity: Held() for quantity in _OF_SPEED}  # what was not told before
+        self._noted: dict[Quantity, Array] = {}
         self._received: set[str] = set()  # sources of a position that have had a receiver
         self._attitude_used = np.iinfo(np.int64).min
         self._keep: int | None = _KEPT
@@ -294,10 +293,10 @@ class Assembler:
             return target in ("angle_of_attack", "sideslip")
         if not self.counts(reading):
             return False
-        if reading.quantity in _OF_SPEED:
-            rows = self._news(reading, self._known)
-            self._fresh[reading.quantity].add(reading.stamp[rows], reading.values[rows], self._keep)
-        if reading.quantity not in (Quantity.IMU, Quantity.PULSES, Quantity.COMMANDS, Quantity.MAGNETIC_FIELD):
+        if reading.quantity in _OF_SPEED:  # what was told before is no sign of life
+            rows = self._news(reading, self._noted)
+            self._held[reading.quantity].add(reading.stamp[rows], reading.values[rows], self._keep)
+        elif reading.quantity not in (Quantity.IMU, Quantity.PULSES, Quantity.COMMANDS, Quantity.MAGNETIC_FIELD):
             self._held[reading.quantity].add(reading.stamp, reading.values, self._keep)
         return True
 
@@ -431,7 +430,7 @@ class Assembler:
 
     def _pressure(self, reading: Reading) -> Output | None:
         """Pressure alone; with an airspeed that is not silent it goes along with that."""
-        speeds = (self._fresh[quantity].at(reading.stamp, SILENCE) for quantity in _OF_SPEED)
+        speeds = (self._held[quantity].at(reading.stamp, SILENCE) for quantity in _OF_SPEED)
         alone = np.all([np.isnan(speed) for speed in speeds], axis=0) | ~self._has_airspeed_sensor(reading.stamp)
         stamp, pressure = reading.stamp[alone], reading.values[alone, 0]
         _, temperature = self._air(stamp)

@@ -11,6 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from aircraft_sysid_ros.mavlink.quantities import (
+    FIX_3D,
     Array,
     Fields,
     Quantity,
@@ -24,7 +25,7 @@ from aircraft_sysid_ros.mavlink.quantities import (
 
 _TESLA_PER_MILLIGAUSS = 1e-7
 _KELVIN = 273.15
-_FIX_2D, _FIX_3D = 2, 3
+_FIX_2D = 2
 SERVO_COUNT = 14
 
 
@@ -39,7 +40,7 @@ def _first(fields: Fields, values: Array) -> Array:
 def receivers(fields: Fields) -> list[int]:
     """Instances of GPS receivers, before all that which is read: the first, unless another has clearly more fixes."""
     instances, which = np.unique(fields["I"], return_inverse=True)
-    best = first_of_most(np.bincount(which[fields["Status"] >= _FIX_3D], minlength=len(instances)))
+    best = first_of_most(np.bincount(which[fields["Status"] >= FIX_3D], minlength=len(instances)))
     return [int(instances[best]), *np.delete(instances, best).tolist()]
 
 

@@ -99,7 +99,7 @@ def is_sound(reading: Reading) -> bool:
     return bool(np.all(np.isfinite(reading.values[:, : NEEDED.get(reading.quantity, 0)])))
 
 
-_NOTHING, _FIX_3D, _DIFFERENTIAL_FIX, _RTK_FLOAT, _RTK_FIXED = 0, 3, 4, 5, 6
+_NOTHING, FIX_3D, _DIFFERENTIAL_FIX, _RTK_FLOAT, _RTK_FIXED = 0, 3, 4, 5, 6
 #: The message that brings what MAVLink has no message for.
 NAMED_VALUES = "NAMED_VALUE_FLOAT"
 #: Entries by name of the message. Of several messages with one quantity the first in the table is preferred.
@@ -153,11 +153,11 @@ def position_of_fix(place: Array, variance: Array, fix_type: npt.NDArray[Any]) -
     MAVLink's GPS_FIX_TYPE, DataFlash and PX4 count alike: 0 no receiver, 1 no fix, 2 without altitude, 3 whole, 4 with
     differential corrections, 5 and 6 with those of a base station (RTK).
     """
-    kinds = [fix_type < _FIX_3D, fix_type == _DIFFERENTIAL_FIX, (fix_type == _RTK_FLOAT) | (fix_type == _RTK_FIXED)]
+    kinds = [fix_type < FIX_3D, fix_type == _DIFFERENTIAL_FIX, (fix_type == _RTK_FLOAT) | (fix_type == _RTK_FIXED)]
     status = np.select(kinds, [float(NO_FIX), float(SATELLITE_AUGMENTED_FIX), float(GROUND_AUGMENTED_FIX)], float(FIX))
     status[fix_type == _NOTHING] = NO_RECEIVER
     numbers = np.concatenate([place, variance], axis=1)
-    numbers[fix_type < _FIX_3D] = np.nan
+    numbers[fix_type < FIX_3D] = np.nan
     return np.concatenate([numbers, status[:, None]], axis=1)
 
 

@@ -23,6 +23,7 @@ class Drift:
     """What the air data show too much: the offset always, the drift from the first state of a flight on."""
 
     def __init__(self, aircraft: Aircraft) -> None:
+        self._scales = {kind: aircraft.sensors[name].scale for kind, name in SENSORS.items()}
         self._rates = {kind: rate for kind, name in SENSORS.items() if (rate := aircraft.sensors[name].drift)}
         self._offsets = {kind: offset for kind, name in SENSORS.items() if (offset := aircraft.sensors[name].offset)}
         self.since: float | None = None  # time [s] of the first state
@@ -36,6 +37,13 @@ class Drift:
         """States of times [s] (n,) come after one of the time ``before``, or -inf: the first, or by a new clock."""
         if len(times) and (self.since is None or times[0] <= before):
             self.since = float(times[0])
+
+    def corrected(self, times: Array, kinds: Kinds, values: Array) -> Array:
+        """Values (n, …) of samples as they were shown, at times [s] (n,): without scale, offset and drift."""
+        values = values.copy()
+        for kind, scale in self._scales.items():
+            values[kinds == kind, 0] /= scale
+        return self.without(times, kinds, values)
 
     def without(self, times: Array, kinds: Kinds, values: Array) -> Array:
         """Values (n, …) of samples at times [s] (n,), without their scale: without offset and drift, too."""

@@ -19,7 +19,7 @@ import numpy.typing as npt
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.installation import MissingExtra
 from aircraft_sysid_ros.mavlink.dataflash_table import DATAFLASH, receivers
-from aircraft_sysid_ros.mavlink.quantities import Batch
+from aircraft_sysid_ros.mavlink.quantities import FIX_3D, Batch
 from aircraft_sysid_ros.mavlink.servo_mapping import ServoMapping
 from aircraft_sysid_ros.recordings.autopilot_log import NO_DATE, LogContent, gps_nanoseconds, import_content
 from aircraft_sysid_ros.recordings.imported_log import GPS_EPOCH, LATEST, SECONDS_PER_WEEK, ImportedLog
@@ -44,7 +44,6 @@ FUNCTIONS = {
     2: "flaps", 3: "flaps", 4: "aileron", 19: "elevator", 21: "rudder", 24: "left_flaperon", 25: "right_flaperon",
     70: "throttle", 77: "left_elevon", 78: "right_elevon", 79: "left_vtail", 80: "right_vtail",
 }  # fmt: skip
-_FIX_3D = 3
 
 
 def import_dataflash(path: Path, mapping: ServoMapping | None = None) -> ImportedLog:
@@ -230,7 +229,7 @@ def _start(tables: dict[str, dict[str, npt.NDArray[Any]]]) -> tuple[int, list[st
     gps = tables.get("GPS", {})
     if not {"GWk", "GMS", "Status"} <= gps.keys() or not _has_time(gps):
         return NO_DATE * NANOSECONDS, ["no GPS time in the log: it is stamped from 2000-01-01"]
-    good = np.flatnonzero((gps["Status"] >= _FIX_3D) & (gps["GWk"] > 0) & (gps["GWk"] <= _LAST_WEEK))
+    good = np.flatnonzero((gps["Status"] >= FIX_3D) & (gps["GWk"] > 0) & (gps["GWk"] <= _LAST_WEEK))
     if not len(good):
         return NO_DATE * NANOSECONDS, ["no GPS fix in the log: it is stamped from 2000-01-01"]
     since = _time(gps)

@@ -13,7 +13,7 @@ import numpy.typing as npt
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.installation import MissingExtra
 from aircraft_sysid_ros.mavlink.px4_table import PX4, TIMES, sample_time
-from aircraft_sysid_ros.mavlink.quantities import Batch, first_of_most
+from aircraft_sysid_ros.mavlink.quantities import FIX_3D, Batch, first_of_most
 from aircraft_sysid_ros.mavlink.servo_mapping import ServoMapping
 from aircraft_sysid_ros.recordings.autopilot_log import NO_DATE, LogContent, import_content
 from aircraft_sysid_ros.recordings.imported_log import LATEST, ImportedLog
@@ -22,7 +22,6 @@ from aircraft_sysid_ros.stamps import NANOSECONDS
 
 _ELEMENT = re.compile(r"^(\w+)\[(\d+)\]$")
 _GPS = ("sensor_gps", "vehicle_gps_position")
-_FIX_3D = 3
 
 #: Bytes before the first message, and before the content of each.
 _FILE_HEADER, _MESSAGE_HEADER = 16, 3
@@ -81,7 +80,7 @@ def _breaks_off(path: Path) -> bool:
 
 def _fixes(name: str, columns: dict[str, npt.NDArray[Any]]) -> int:
     """How many fixes a topic has if it is of a GPS receiver: of several the first is read, unless another has more."""
-    return int(np.sum(columns.get("fix_type", np.zeros(0)) >= _FIX_3D)) if name in _GPS else 0
+    return int(np.sum(columns.get("fix_type", np.zeros(0)) >= FIX_3D)) if name in _GPS else 0
 
 
 def _start(data: dict[str, dict[str, npt.NDArray[Any]]]) -> tuple[int, list[str]]:
@@ -89,7 +88,7 @@ def _start(data: dict[str, dict[str, npt.NDArray[Any]]]) -> tuple[int, list[str]
     for name in _GPS:
         columns = data.get(name, {})
         utc = np.asarray(columns.get("time_utc_usec", np.zeros(0)), dtype=np.int64)
-        known = (utc > 0) & (utc < LATEST // 1000) & (np.asarray(columns.get("fix_type", utc)) >= _FIX_3D)
+        known = (utc > 0) & (utc < LATEST // 1000) & (np.asarray(columns.get("fix_type", utc)) >= FIX_3D)
         if known.any():
             since = np.asarray(columns["timestamp"], dtype=np.int64)
             return int(np.median(utc[known] - since[known])) * 1000, []

@@ -55,7 +55,7 @@ from aircraft_sysid_ros.identification.coefficients.ground import ground_of
 from aircraft_sysid_ros.identification.coefficients.pace import sparse_interval
 from aircraft_sysid_ros.identification.coefficients.signals import named_inputs
 from aircraft_sysid_ros.reconstruction.drift import Drift
-from aircraft_sysid_ros.reconstruction.filter_setup import measured_at, sensor_scales, stamp_delays
+from aircraft_sysid_ros.reconstruction.filter_setup import measured_at, stamp_delays
 from aircraft_sysid_ros.reconstruction.options import StateOptions
 from aircraft_sysid_ros.reconstruction.servo_lag import servo_lag
 from aircraft_sysid_ros.reconstruction.smoother_history import SmootherHistory
@@ -129,8 +129,7 @@ def record_of(aircraft: Aircraft, samples: Samples, rate: float, options: StateO
     samples = servo_lag(aircraft).follow(samples)
     times = measured_at(samples, stamp_delays(aircraft), estimator.epoch)
     values = np.where(is_absurd(samples), np.nan, samples.values)
-    values[:, 0] /= sensor_scales(aircraft)[samples.kind]
-    values = _without_drift(aircraft, samples, times, values, rows[:, StateField.TIME])
+    values = _corrected(aircraft, samples, times, values, rows[:, StateField.TIME])
     inputs, missing = _inputs(aircraft, samples.kind, times, values, rows, states, time, first, every)
     origin = rows[first[0], StateField.ORIGIN]
     step = float(np.median(np.diff(time))) if len(time) > 1 else 1.0 / rate
@@ -149,15 +148,15 @@ def record_of(aircraft: Aircraft, samples: Samples, rate: float, options: StateO
     )  # fmt: skip
 
 
-def _without_drift(aircraft: Aircraft, samples: Samples, times: Array, values: Array, states: Array) -> Array:
-    """Values (n, …) without offset and drift of the air data; a drift begins with the first state [s] of a flight."""
+def _corrected(aircraft: Aircraft, samples: Samples, times: Array, values: Array, states: Array) -> Array:
+    """Values (n, …) without the stated errors of the air data; a drift begins with the first state [s] of a flight."""
     drift, values = Drift(aircraft), values.copy()
     flight = np.cumsum((samples.kind == Kind.SEAM) & ~(samples.values[:, 0] <= SAME_FLIGHT))
     for number in range(int(flight.max(initial=0)) + 1):
         own = flight == number
         first = int(np.searchsorted(states, times[own].min(initial=np.inf)))
         drift.since = float(states[min(first, len(states) - 1)])
-        values[own] = drift.without(times[own], samples.kind[own], values[own])
+        values[own] = drift.corrected(times[own], samples.kind[own], values[own])
     return values
 
 

@@ -233,7 +233,7 @@ class FlowAngles:
         aircraft = self._aircraft
         longest, least = min(_LONGEST, settle), aircraft.minimum_airspeed
         place = _Place(aircraft.air_data_position, self._gravity, least, half_width, longest)
-        for column, ((kind, sensor), (times, values)) in enumerate(zip(VANES, series, strict=True)):
-            shown = self._drift.without(times, np.full(len(times), kind), values / aircraft.sensors[sensor].scale)
+        for column, ((kind, _), (times, values)) in enumerate(zip(VANES, series, strict=True)):
+            shown = self._drift.corrected(times, np.full(len(times), kind), values)
             write_measured(rows, due, times, shown[:, 0], column, place, self._tracks[column], out)
         return out

@@ -55,8 +55,9 @@ from aircraft_sysid_ros.identification.estimators.dense_epochs import DenseEpoch
 from aircraft_sysid_ros.identification.estimators.likelihood_recursion import run
 from aircraft_sysid_ros.identification.estimators.likelihood_restore import Past, copied, put_back, take_axis
 from aircraft_sysid_ros.identification.options import ParameterOptions
+from aircraft_sysid_ros.reconstruction.drift import SENSORS as AIR_DATA
 from aircraft_sysid_ros.reconstruction.drift import Drift
-from aircraft_sysid_ros.reconstruction.filter_setup import measured_at, sensor_scales, stamp_delays
+from aircraft_sysid_ros.reconstruction.filter_setup import measured_at, stamp_delays
 from aircraft_sysid_ros.reconstruction.state import StateField, in_moving_air
 from aircraft_sysid_ros.samples import CONTROL_COLUMNS, Kind, Samples, is_absurd
 
@@ -71,7 +72,6 @@ _OUTPUTS = {
     Kind.GPS_POSITION: (GPS_POSITION, 3),  # places until they are used
     Kind.GPS_VELOCITY: (GPS_VELOCITY, 3),
 }
-_AIR_DATA = (Kind.AIRSPEED, Kind.ANGLE_OF_ATTACK, Kind.SIDESLIP)
 #: Levels at the start: gusts [m/s per sqrt(s)] horizontal and vertical, rates [rad/s per sqrt(s)].
 _PROCESS_START = (0.3, 0.3, 0.5)
 #: Outputs rest on so many rows per second of each knot that forgetting counts in rows (see ``learn_rows``).
@@ -101,7 +101,7 @@ class MaximumLikelihoodEstimator:
     def __init__(self, aircraft: Aircraft, options: ParameterOptions) -> None:
         self.aircraft, self.options = aircraft, options
         self._names = aircraft.model.parameter_names
-        self._delays, self._scales, self._drift = stamp_delays(aircraft), sensor_scales(aircraft), Drift(aircraft)
+        self._delays, self._drift = stamp_delays(aircraft), Drift(aircraft)
         per_knot = max(round(aircraft.sensors["accelerometer"].rate / options.rml_rate), 1)
         self._model = flight_model_of(aircraft, STANDARD_GRAVITY, per_knot)
         self.keep_pace(Pace())
@@ -223,7 +223,6 @@ class MaximumLikelihoodEstimator:
             return
         times = measured_at(samples, self._delays, epoch)
         values = np.where(is_absurd(samples), np.nan, samples.values)
-        values[:, 0] /= self._scales[samples.kind]
         rows = np.full((len(samples), OUTPUT_SIZE), np.nan)
         for kind, (first, count) in _OUTPUTS.items():
             chosen = samples.kind == kind
@@ -361,9 +360,9 @@ class MaximumLikelihoodEstimator:
     def _ned_samples(self) -> Array:
         """The waiting samples (m, 18), positions in NED, air data without the errors that the aircraft file states."""
         samples = self._along(self._samples)[0]
-        for kind in _AIR_DATA:
+        for kind in AIR_DATA:
             column, kinds = _OUTPUTS[kind][0], np.full(len(samples), kind)
-            samples[:, [column]] = self._drift.without(self._times, kinds, samples[:, [column]])
+            samples[:, [column]] = self._drift.corrected(self._times, kinds, samples[:, [column]])
         return samples
 
     def _along(self, samples: Array) -> tuple[Array, Odometer]:

@@ -51,11 +51,12 @@ from aircraft_sysid_ros.identification.undescribed.late_motion import Late, Late
 from aircraft_sysid_ros.identification.undescribed.moved_surfaces import (
     COUNT,
     FORMS,
+    PAUSE,
     MovedSurfaces,
     derivatives_of,
     look_ahead,
 )
-from aircraft_sysid_ros.identification.undescribed.vanes import KEEP, NEARLY, PAUSE, VaneMotion
+from aircraft_sysid_ros.identification.undescribed.vanes import KEEP, NEARLY, VaneMotion
 from aircraft_sysid_ros.kernels import njit
 
 Array = npt.NDArray[np.float64]

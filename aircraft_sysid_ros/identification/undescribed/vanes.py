@@ -23,6 +23,7 @@ from aircraft_sysid_ros.aircraft.signals import SIGNAL_INDEX
 from aircraft_sysid_ros.identification.coefficients.flow_angles import angle_at
 from aircraft_sysid_ros.identification.coefficients.layout import FLYING, SIGNAL, TIME, Body, CoefficientBatch
 from aircraft_sysid_ros.identification.coefficients.signals import flow_angle_rates
+from aircraft_sysid_ros.identification.undescribed.moved_surfaces import PAUSE
 from aircraft_sysid_ros.kernels import njit
 from aircraft_sysid_ros.reconstruction.state import StateField
 
@@ -32,8 +33,8 @@ ANGLES = ("alpha", "beta")
 #: One sigma of scale and lag [s] of a vane that nobody has described: upwash and position error, tubes and logging.
 SCALE, LAG = 0.06, 0.04
 #: Slower than this [s] is not asked; time constants [s] of what follows the surfaces; time [s] that gusts last in the
-#: band; memory [s]; time [s] between what is summed; a pause [s] that starts over.
-_BAND, _FOLLOW, _GUST, _MEMORY, _STEP, PAUSE = 3.0, (0.3, 1.0), 0.4, 120.0, 0.04, 0.3
+#: band; memory [s]; time [s] between what is summed.
+_BAND, _FOLLOW, _GUST, _MEMORY, _STEP = 3.0, (0.3, 1.0), 0.4, 120.0, 0.04
 #: Least time [s] that is summed.
 _LEAST = 5.0
 _OF_STATE = (StateField.ANGLE_OF_ATTACK, StateField.SIDESLIP)

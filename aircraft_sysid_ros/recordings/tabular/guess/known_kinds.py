@@ -10,7 +10,7 @@ import numpy as np
 
 from aircraft_sysid_ros.mavlink.assembler import ALIKE
 from aircraft_sysid_ros.mavlink.px4_table import AIRSPEED_SOURCES, TIMES
-from aircraft_sysid_ros.mavlink.quantities import first_of_most
+from aircraft_sysid_ros.mavlink.quantities import FIX_3D, first_of_most
 from aircraft_sysid_ros.mavlink.servo_mapping import ServoMapping
 from aircraft_sysid_ros.recordings.tabular.column_expression import parse_column_expression
 from aircraft_sysid_ros.recordings.tabular.guess.known_line import KnownLine
@@ -28,7 +28,7 @@ _VECTOR = "xyz"
 _ROWS = 100_000
 #: Messages do not wait longer [ms]: a log in which they seem to has two clocks.
 _LONGEST_DELAY = 1000.0
-_GPS, _FIX_TYPE, _FIX_3D = ("sensor_gps", "vehicle_gps_position"), "fix_type", 3
+_GPS, _FIX_TYPE = ("sensor_gps", "vehicle_gps_position"), "fix_type"
 _NED = ("north", "east", "down")
 
 
@@ -227,7 +227,7 @@ def _count(table: Table, lines: Sequence[KnownLine]) -> int:
     count = 0
     for piece in table.read([*value.columns, *fix], _ROWS):
         columns = {name: numbers(column)[0] for name, column in piece.items()}
-        sound = np.isfinite(value.evaluate(columns)) & (columns.get(_FIX_TYPE, np.array(_FIX_3D)) >= _FIX_3D)
+        sound = np.isfinite(value.evaluate(columns)) & (columns.get(_FIX_TYPE, np.array(FIX_3D)) >= FIX_3D)
         count += int(sound.sum())
     return count
 
