@@ -20,6 +20,8 @@ LAPSE_RATE = 0.0065  # [K/m] up to the tropopause
 TROPOPAUSE = 11000.0  # [m]
 STANDARD_GRAVITY = 9.80665  # [m/s^2]
 _LAPSE = GAS_CONSTANT * LAPSE_RATE / STANDARD_GRAVITY  # temperature ratio = pressure ratio ** _LAPSE
+_COLDEST = SEA_LEVEL_TEMPERATURE - LAPSE_RATE * TROPOPAUSE  # [K] from the tropopause on
+_PRESSURE_AT_TROPOPAUSE = SEA_LEVEL_PRESSURE * (_COLDEST / SEA_LEVEL_TEMPERATURE) ** (1.0 / _LAPSE)  # [Pa]
 
 
 @njit(cache=True)
@@ -50,8 +52,8 @@ def pressures(altitudes: Array) -> Array:
 
 @register_jitable
 def temperature_at(static_pressure: Any) -> Any:
-    """Standard temperature [K] below the tropopause where the static pressure [Pa] is that, scalar or array."""
-    return SEA_LEVEL_TEMPERATURE * (static_pressure / SEA_LEVEL_PRESSURE) ** _LAPSE
+    """Standard temperature [K] where the static pressure [Pa] is that, scalar or array."""
+    return np.maximum(SEA_LEVEL_TEMPERATURE * (static_pressure / SEA_LEVEL_PRESSURE) ** _LAPSE, _COLDEST)
 
 
 @register_jitable
@@ -62,14 +64,16 @@ def density_of(static_pressure: Any, temperature: Any) -> Any:
 
 @register_jitable
 def density_at(static_pressure: Any) -> Any:
-    """Standard density [kg/m^3] below the tropopause where the static pressure [Pa] is that, scalar or array."""
+    """Standard density [kg/m^3] where the static pressure [Pa] is that, scalar or array."""
     return density_of(static_pressure, temperature_at(static_pressure))
 
 
 @register_jitable
 def altitude_at(static_pressure: Any) -> Any:
-    """Altitude [m] below the tropopause where the static pressure [Pa] is that, scalar or array."""
-    return SEA_LEVEL_TEMPERATURE / LAPSE_RATE * (1.0 - (static_pressure / SEA_LEVEL_PRESSURE) ** _LAPSE)
+    """Altitude [m] where the static pressure [Pa] is that, scalar or array; less than 1 Pa counts as 1 Pa."""
+    below = np.maximum(static_pressure, _PRESSURE_AT_TROPOPAUSE)
+    above = GAS_CONSTANT * _COLDEST / STANDARD_GRAVITY * np.log(below / np.maximum(static_pressure, 1.0))
+    return SEA_LEVEL_TEMPERATURE / LAPSE_RATE * (1.0 - (below / SEA_LEVEL_PRESSURE) ** _LAPSE) + above
 
 
 @njit(cache=True)

@@ -14,10 +14,9 @@ import numpy.typing as npt
 from aircraft_sysid_ros.aircraft.atmosphere import (
     GAS_CONSTANT,
     HEAT_RATIO,
-    LAPSE_RATE,
     SEA_LEVEL_PRESSURE,
     SEA_LEVEL_TEMPERATURE,
-    STANDARD_GRAVITY,
+    pressures,
 )
 
 Array = npt.NDArray[np.float64]
@@ -25,13 +24,12 @@ Array = npt.NDArray[np.float64]
 MEANINGS = ("indicated", "calibrated", "equivalent", "true")
 SEA_LEVEL_DENSITY = SEA_LEVEL_PRESSURE / (GAS_CONSTANT * SEA_LEVEL_TEMPERATURE)
 _SPEED_OF_SOUND_0 = np.sqrt(HEAT_RATIO * GAS_CONSTANT * SEA_LEVEL_TEMPERATURE)
-_BARO = STANDARD_GRAVITY / (GAS_CONSTANT * LAPSE_RATE)
 _KAPPA = (HEAT_RATIO - 1.0) / HEAT_RATIO
 
 
 def standard_pressure(altitude: Array) -> Array:
-    """Pressure [Pa] of the standard atmosphere at an altitude [m] below the tropopause."""
-    return np.asarray(SEA_LEVEL_PRESSURE * (1.0 - LAPSE_RATE * altitude / SEA_LEVEL_TEMPERATURE) ** _BARO)
+    """Pressure [Pa] (n,) of the standard atmosphere at altitudes [m] (n,)."""
+    return np.asarray(pressures(np.ascontiguousarray(altitude, dtype=np.float64)))
 
 
 def true_airspeed(speed: Array, meaning: str, pressure: Array, temperature: Array) -> Array:

@@ -23,6 +23,19 @@ def test_table_of_iso_2533(altitude, temperature, pressure, density):
     assert atmosphere.air_density(altitude) == pytest.approx(density, rel=6e-5)
 
 
+@pytest.mark.parametrize(("altitude", "temperature", "pressure", "density"), TABLE)
+def test_the_table_read_from_the_pressure(altitude, temperature, pressure, density):
+    assert atmosphere.temperature_at(pressure) == pytest.approx(temperature, abs=2e-3)
+    assert atmosphere.density_at(pressure) == pytest.approx(density, rel=6e-5)
+    assert atmosphere.altitude_at(pressure) == pytest.approx(altitude, abs=0.1)
+
+
+def test_pressures_read_at_once_are_those_read_one_by_one():
+    pressures = np.array([row[2] for row in TABLE])
+    for quantity in (atmosphere.temperature_at, atmosphere.density_at, atmosphere.altitude_at):
+        assert quantity(pressures) == pytest.approx([quantity(pressure) for pressure in pressures.tolist()])
+
+
 def test_speed_of_sound():
     assert atmosphere.speed_of_sound(0.0) == pytest.approx(340.294, abs=1e-3)
     assert atmosphere.speed_of_sound(11000.0) == pytest.approx(295.069, abs=1e-3)
@@ -49,5 +62,8 @@ def test_an_altitude_that_is_not_known_gives_nothing():
         atmosphere.pressure,
         atmosphere.air_density,
         atmosphere.speed_of_sound,
+        atmosphere.temperature_at,
+        atmosphere.density_at,
+        atmosphere.altitude_at,
     ):
         assert np.isnan(quantity(np.nan))

@@ -63,5 +63,16 @@ def test_the_standard_atmosphere_and_back():
     assert temperature_at(np.array([89874.6]))[0] == pytest.approx(281.65, abs=1e-3)
 
 
+def test_calibrated_airspeed_above_the_tropopause():
+    """At 15000 m the table of ISO 2533 has 120.446 hPa and 216.65 K: Mach 0.8 there is 236.06 m/s."""
+    altitude, mach = np.array([15000.0]), 0.8
+    pressure = standard_pressure(altitude)
+    impact = pressure * ((1.0 + 0.2 * mach**2) ** 3.5 - 1.0)
+    calibrated = true_of_impact_pressure(impact, *SEA)
+    found = true_airspeed(calibrated, "calibrated", pressure, temperature_at(pressure))
+    assert pressure[0] == pytest.approx(12044.6, rel=1e-5)
+    assert found[0] == pytest.approx(mach * 295.069, rel=1e-5)
+
+
 def test_less_than_no_impact_pressure_is_noise_at_rest():
     assert true_of_impact_pressure(np.array([-5.0]), *SEA)[0] == 0.0

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from aircraft_sysid_ros.aircraft.atmosphere import GAS_CONSTANT, density_at, temperature_at
+from aircraft_sysid_ros.aircraft.atmosphere import GAS_CONSTANT, density_at, temperature, temperature_at
 from aircraft_sysid_ros.recordings.tabular.guess.flight_columns import (
     SLOW_SECONDS,
     Flight,
@@ -116,7 +116,7 @@ def standard_temperature(f: Flight) -> float | None:
         return float(temperature_at(np.nanmedian(f.si("static_pressure"))))
     for signal in ("pressure_altitude", "altitude"):
         if f.known(signal):
-            return float(288.15 - 0.0065 * np.nanmedian(f.si(signal)))
+            return float(temperature(float(np.nanmedian(f.si(signal)))))
     return None
 
 
