@@ -203,6 +203,9 @@ class BootTime:
         own = self._own(name, fields)
         if own is None:
             return None if self._suspect and arrival - self._suspect.since > _UNTOLD else self._newest
+        if name in _NARROW:  # the others alone tell how often it has wrapped, and so what is believed
+            assert self._newest is not None  # else it has no time of its own
+            return own if self._fits(own, arrival, self._newest, self._least) else None
         if not self._believe(own, arrival):
             return None
         if name == "SYSTEM_TIME" and int(fields["time_unix_usec"]) > _EPOCH_BEGINS:
@@ -220,8 +223,10 @@ class BootTime:
             return None
         if microseconds > _EPOCH_BEGINS:
             return None if self._unix_minus_boot is None else microseconds * 1000 - self._unix_minus_boot
-        if name in _NARROW and self._newest is not None:  # the whole number of wraps that brings it nearest
-            microseconds += round((self._newest // 1000 - microseconds) / _WRAP) * _WRAP
+        if name in _NARROW:
+            if self._newest is None:
+                return None
+            microseconds += round((self._newest // 1000 - microseconds) / _WRAP) * _WRAP  # that brings it nearest
         return microseconds * 1000
 
     def _believe(self, boot: int, arrival: int) -> bool:

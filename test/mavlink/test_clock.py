@@ -129,6 +129,31 @@ def test_ardupilots_flow_angles_wrap_too_though_their_field_is_wide():
     assert boot.reboots == 0
 
 
+def heard_with_servos(boot, start, begin, seconds):
+    """Share of IMU messages and of servo outputs that get their time; the servo outputs come first of each two."""
+    right = {"HIGHRES_IMU": [], "SERVO_OUTPUT_RAW": []}
+    for k in range(100 * seconds):
+        t, at = start + k * SECOND // 100, begin + k * SECOND // 100
+        for name, wrap in (("SERVO_OUTPUT_RAW", 2**32), ("HIGHRES_IMU", 2**64)):
+            right[name].append(boot.of(name, {"time_usec": t // 1000 % wrap}, at) == t // 1000 * 1000)
+    return [np.mean(found) for found in right.values()]
+
+
+@pytest.mark.parametrize("minutes", [1, 40, 80, 150])
+def test_a_bridge_that_is_started_in_flight_knows_the_time_whatever_comes_first(minutes):
+    """After 71 minutes servo outputs tell a time that has wrapped: where they came first, nothing else was believed."""
+    assert min(heard_with_servos(BootTime(), minutes * 60 * SECOND, NOW, 5)) > 0.99
+
+
+@pytest.mark.parametrize("minutes", [1, 30, 40, 60, 71.6, 80, 150])
+def test_a_restart_is_followed_however_long_the_autopilot_was_up(minutes):
+    """From 36 minutes on the servo outputs seemed to go on, and with them no restart was ever believed."""
+    boot, up = BootTime(), round(minutes * 60) * SECOND
+    heard_with_servos(boot, up, NOW, 2)
+    shares = heard_with_servos(boot, 3 * SECOND, NOW + 10 * SECOND, 10)
+    assert boot.reboots == 1 and min(shares) > 0.7
+
+
 def test_the_time_of_the_last_fix_is_no_restart_once_there_is_none():
     """GPS lost for a minute: GPS_RAW_INT goes on with the time of its last fix."""
     boot = BootTime()
