@@ -70,9 +70,11 @@ class Odometer:
 
 
 def ned_along(places: Array, origin: npt.ArrayLike) -> Array:
-    """Positions NED (n, 3) [m] of places (n, 3) along a way that begins at ``origin``."""
-    odometer = Odometer(origin)
-    return np.array([odometer.position_at(place) for place in places]).reshape(-1, 3)
+    """Positions NED (n, 3) [m] of places (n, 3) along a way that begins at ``origin``; NaN for one that is not known."""
+    odometer, positions = Odometer(origin), np.full((len(places), 3), np.nan)
+    for i in np.flatnonzero(np.isfinite(places).all(axis=1)):
+        positions[i] = odometer.position_at(places[i])
+    return positions
 
 
 def geodetic_along(positions: Array, origin: npt.ArrayLike) -> Array:

@@ -126,6 +126,19 @@ def test_a_single_wild_value_is_left_out(still_flight, still_run, record):
     assert np.nanmax(np.abs(wild.outputs[:, 16] - record.outputs[:, 16])) < 0.05
 
 
+def test_positions_go_on_after_a_moment_without_a_fix(still_flight, still_run, record):
+    """A fix that is none costs its own output, and not the positions of all that follow."""
+    samples = still_run.samples
+    values = samples.values.copy()
+    at = np.flatnonzero(samples.kind == Kind.GPS_POSITION)
+    values[at[40:43], :3] = np.nan
+    lacking = record_of(still_flight.aircraft, replace(samples, values=values), 50.0)
+    there, whole = (np.isfinite(r.outputs[:, 6:9]).all(axis=1) for r in (lacking, record))
+    assert whole.sum() - there.sum() == 3
+    both = there & whole
+    np.testing.assert_allclose(lacking.outputs[both, 6:9], record.outputs[both, 6:9], atol=0.05)
+
+
 def test_samples_without_a_flight_are_refused(still_flight, still_run):
     with pytest.raises(InputError, match="no state"):
         record_of(still_flight.aircraft, still_run.samples[:10], 50.0)
