@@ -70,7 +70,7 @@ class Odometer:
 
 
 def ned_along(places: Array, origin: npt.ArrayLike) -> Array:
-    """Positions NED (n, 3) [m] of places (n, 3) along a way that begins at ``origin``; NaN for one that is not known."""
+    """Positions NED (n, 3) [m] of places (n, 3) along a way that begins at ``origin``; NaN where it is none."""
     odometer, positions = Odometer(origin), np.full((len(places), 3), np.nan)
     for i in np.flatnonzero(np.isfinite(places).all(axis=1)):
         positions[i] = odometer.position_at(places[i])
