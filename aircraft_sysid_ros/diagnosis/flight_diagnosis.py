@@ -250,7 +250,10 @@ def _why_no_fault(finding: MeasurementFinding, given: Aircraft, samples: Samples
     if setting.is_place and not is_a_fault(setting, given, samples):
         return OF_PLACE if setting.variant.setting in given.unsaid else OF_SHORT_WAY
     if not is_a_fault(setting, given, samples):
-        return "it is allowed for: a sensor that averages from sample to sample is as late"
+        return (
+            "it is allowed for: a sensor that averages from sample to sample, or a value that is held until the next "
+            "one, is as late"
+        )
     if CONTROLS in setting.variant.setting and IMU_LAG in finding.confounded_with:
         return "it is allowed for, and a late IMU explains as much"
     return f"it is allowed for, and lowers no error of an axis that the model explains by {THRESHOLDS.size:.0%}"

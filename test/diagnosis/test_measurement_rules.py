@@ -111,6 +111,23 @@ def test_half_a_sample_late_is_no_fault(aircraft, rate, delay, fault):
     assert is_a_fault(setting_of(BY_ID["imu_lag"], delay), aircraft, imu_at(rate)) is fault
 
 
+@pytest.mark.parametrize(("rows", "fault"), [(1, True), (5, False)])
+def test_a_record_that_is_held_in_the_rows_of_a_faster_one_is_half_of_its_own_interval_late(aircraft, rows, fault):
+    """Surfaces at 10 Hz that were filled forward to 50 Hz had been "recorded late" on a clean flight."""
+    moved = 0.1 * np.sin(np.arange(1000) // rows * rows / 50.0)
+    moved[400:700] = moved[400]  # a surface may stand still
+    samples = samples_of(Kind.CONTROLS, np.arange(1000) * 20_000_000, moved, *np.zeros((6, 1000)))
+    assert is_a_fault(setting_of(BY_ID["late_controls"], 0.05), aircraft, samples) is fault
+    assert is_a_fault(setting_of(BY_ID["late_controls"], 0.08), aircraft, samples)
+    assert is_a_fault(setting_of(BY_ID["actuator_lag"], -0.05), aircraft, samples)
+
+
+def test_commands_in_steps_are_not_held(aircraft):
+    steps = 0.1 * np.sign(np.sin(np.arange(2000) / 30.0))
+    samples = samples_of(Kind.CONTROLS, np.arange(2000) * 20_000_000, steps, *np.zeros((6, 2000)))
+    assert is_a_fault(setting_of(BY_ID["late_controls"], 0.05), aircraft, samples)
+
+
 @pytest.mark.parametrize(
     ("name", "after", "fault"),
     [

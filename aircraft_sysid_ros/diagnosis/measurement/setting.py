@@ -31,6 +31,10 @@ _LATE = ("delay", "lag")
 #: Where a probe ahead is, and how late air data are.
 AHEAD, AIR_DATA_LAG = ("air_data_position", "x"), ("sensors", "air_data", "delay")
 
+#: New values that show how long a record is held, which share of the intervals between them may be shorter, and the
+#: longest [s], which is the longest delay that is looked for.
+_FEWEST_NEW, _SHORTEST_SHARE, _LONGEST_HELD = 10, 0.1, 0.25
+
 
 def feigns_wind(setting: tuple[str, ...]) -> bool:
     """Whether a setting is a scale, an offset or a drift of the air data."""
@@ -127,7 +131,10 @@ def is_a_fault(setting: Setting, file: Aircraft, samples: Samples) -> bool:
         return size * file.span >= typical * _delay_of_averaging(samples, Kind.IMU, Kind.AIRSPEED)
     if key[-1] in _LATE:
         kinds = {**OF_MOTION, CONTROLS: Kind.CONTROLS, **AIR_DATA}
-        return size >= _delay_of_averaging(samples, kinds.get(key[1], Kind.AIRSPEED))
+        allowed = _delay_of_averaging(samples, kinds.get(key[1], Kind.AIRSPEED))
+        if key[1] == CONTROLS and setting.value > setting.nominal:  # recorded late, as what is held is
+            allowed = max(allowed, THRESHOLDS.least_delay_share * _held_interval(samples))
+        return size >= allowed
     return True
 
 
@@ -135,6 +142,21 @@ def _delay_of_averaging(samples: Samples, *kinds: Kind) -> float:
     """The delay [s] that is no fault of the slowest of some sensors."""
     slowest = max((interval_of(samples, kind) for kind in kinds), key=np.nan_to_num)
     return max(THRESHOLDS.least_delay, THRESHOLDS.least_delay_share * slowest)
+
+
+def _held_interval(samples: Samples) -> float:
+    """Time [s] between new values of controls where rows of a faster record only repeat them; else 0.
+
+    Nearly all intervals between new values are that long, or longer where surfaces stand still. Commands in steps are
+    further apart, and not held.
+    """
+    at = samples.kind == Kind.CONTROLS
+    values, stamp = samples.values[at], samples.stamp[at]
+    new = np.flatnonzero(np.any(np.diff(np.nan_to_num(values), axis=0) != 0.0, axis=1)) + 1
+    if len(new) < _FEWEST_NEW:
+        return 0.0
+    interval = 1e-9 * float(np.quantile(np.diff(stamp[new]), _SHORTEST_SHARE))
+    return interval if interval <= _LONGEST_HELD else 0.0
 
 
 def nominal(aircraft: Aircraft, setting: tuple[str, ...]) -> float:
