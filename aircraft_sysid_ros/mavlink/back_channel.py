@@ -13,6 +13,8 @@ from aircraft_sysid_ros.mavlink.back_options import ARRAY_LENGTH, NAME_LENGTH, B
 from aircraft_sysid_ros.stamps import NANOSECONDS
 
 ARRAY_NAME = "SYSID"
+#: [ms] 49.7 days: more a message cannot hold.
+_WRAP = 2**32
 #: Id of the array with the values, and of that with their standard errors.
 VALUES_ARRAY, ERRORS_ARRAY = 1, 2
 
@@ -63,13 +65,19 @@ class BackChannel:
         self.sent += len(messages)
         return messages
 
+    def clock_was_set(self) -> None:
+        """Our clock was set: what is new is due."""
+        self._wind_due = self._parameters_due = 0
+
     def _parameter_messages(self, boot: int) -> list[Any]:
         """Values that may be used; an array has NaN for those that may not."""
         by_name = {p.name: p for p in self.parameters}
         wanted = [by_name.get(name, Known(name, np.nan, np.nan, False)) for name in self.options.parameters]
         if self.options.form == "named":
             return [
-                dialect.MAVLink_named_value_float_message(boot // 1_000_000, p.name[:NAME_LENGTH].encode(), p.value)
+                dialect.MAVLink_named_value_float_message(
+                    boot // 1_000_000 % _WRAP, p.name[:NAME_LENGTH].encode(), p.value
+                )
                 for p in wanted
                 if p.usable
             ]

@@ -7,6 +7,7 @@ from collections.abc import Callable
 
 from aircraft_sysid_ros.mavlink.assembler import Output
 from aircraft_sysid_ros.mavlink.back_channel import BackChannel
+from aircraft_sysid_ros.mavlink.clock import OurClock
 from aircraft_sysid_ros.mavlink.session import Session
 from aircraft_sysid_ros.mavlink.transport import Transport
 
@@ -24,10 +25,12 @@ class Bridge:
         session: Session,
         back: BackChannel | None = None,
         clock: Callable[[], int] = time.time_ns,
+        steady: Callable[[], int] = time.monotonic_ns,
     ) -> None:
+        """``clock`` gives our time [ns], that of the stamps, ``steady`` one that nobody sets."""
         self.transport, self.session = transport, session
         self.back = back or BackChannel()
-        self._clock = clock
+        self._clock, self._ours = clock, OurClock(steady)
 
     def step(self, timeout: float = STEP) -> list[Output]:
         """One round: wait for bytes, take all that is there, send what is due."""
@@ -36,11 +39,11 @@ class Bridge:
             data = self.transport.read(timeout)
             if not data:
                 break
-            outputs += self.session.receive(data, self._clock())
+            outputs += self.session.receive(data, self._now())
             if self.session.is_heard:
                 self.transport.hold()
             timeout = 0.0
-        now = self._clock()
+        now = self._now()
         self.transport.write(self.session.tick(now))
         if not self.session.is_heard:
             self.transport.release()
@@ -48,3 +51,11 @@ class Bridge:
             for message in self.back.due(now, self.session.clock.to_remote(now)):
                 self.transport.write(self.session.decoder.encode(message))
         return outputs
+
+    def _now(self) -> int:
+        """Our time [ns]; whoever remembers times is told where it was set."""
+        now = self._clock()
+        if by := self._ours.was_set(now):
+            self.session.clock_was_set(by, now)
+            self.back.clock_was_set()
+        return now

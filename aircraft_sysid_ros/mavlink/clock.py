@@ -11,8 +11,9 @@ synchronization; the filter is (2.5)-(2.9) of docs/references.md.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -143,6 +144,25 @@ class AutopilotClock:
         self._at = max(self._at, remote)
 
 
+#: A step [ns] of our clock beside the steady one of the machine that is no drift.
+_SET = NANOSECONDS
+
+
+class OurClock:
+    """Whether our clock is set while it is used, as NTP and GPS do to that of a computer some time after its start."""
+
+    def __init__(self, steady: Callable[[], int] = time.monotonic_ns) -> None:
+        """``steady`` [ns] is set by nobody."""
+        self._steady = steady
+        self._ahead: int | None = None  # [ns] of the steady one
+
+    def was_set(self, now: int) -> int:
+        """By how much [ns] it was set since it was last asked, where it now shows ``now`` [ns]; 0: it was not."""
+        before, self._ahead = self._ahead, now - self._steady()
+        by = 0 if before is None else self._ahead - before
+        return by if abs(by) > _SET else 0
+
+
 # -- the time since start that messages carry ------------------------------------------------------------------
 
 _EPOCH_BEGINS = 10**15  # [us] more is Unix time (2001), less is time since start
@@ -184,6 +204,12 @@ class BootTime:
     def is_in_doubt(self) -> bool:
         """Whether the newest times agree with each other and not with those before: a restart, or forged ones."""
         return self._suspect is not None
+
+    def clock_was_set(self, by: int) -> None:
+        """Arrivals are told by a clock that was set by so much [ns]."""
+        self._least, self._heard = self._least + by, self._heard + by
+        if (suspect := self._suspect) is not None:
+            self._suspect = replace(suspect, arrival=suspect.arrival + by, since=suspect.since + by)
 
     def is_repeated(self, name: str, boot: int) -> bool:
         """Whether a message that was taken at ``boot`` is one that was heard before: to be asked once of each.

@@ -81,6 +81,11 @@ class Requests:
         for wish in self.wishes:
             wish.asked, wish.due, wish.heard = 0, now, 0
 
+    def clock_was_set(self, by: int) -> None:
+        """Our clock was set by so much [ns]."""
+        for wish in self.wishes:
+            wish.due, wish.last = wish.due + by, wish.last + by
+
     def due(self, now: int, system: int, component: int) -> list[Any]:
         """Requests to send now [ns] to a vehicle."""
         messages: list[Any] = []

@@ -192,6 +192,18 @@ class Session:
         self.requests.start(now)
         self._syncs, self._next_sync = 0, now
 
+    def clock_was_set(self, by: int, now: int) -> None:
+        """Our clock was set by so much [ns], and shows ``now``: what is remembered is of the old time."""
+        if self.vehicle is not None:
+            step = f"{'ahead' if by > 0 else 'back'} by {abs(by) / NANOSECONDS:.1f} s"
+            self.notes.append(f"the clock of this computer was set {step}: stamps follow it")
+        self.clock.reset()
+        self.boot_time.clock_was_set(by)
+        self.requests.clock_was_set(by)
+        self._last_message += by
+        self._asked.clear()
+        self._syncs, self._next_sync, self._next_heartbeat = 0, now, now
+
     def _synchronise(self, fields: dict[str, Any], now: int) -> None:
         """An answer carries our time back in ts1; a question (tc1 = 0) is answered in the next ``tick``."""
         if fields["tc1"] != 0 and int(fields["ts1"]) in self._asked:

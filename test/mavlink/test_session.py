@@ -8,6 +8,9 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.mavlink.back_channel import BackChannel, Known, Wind
+from aircraft_sysid_ros.mavlink.back_options import BackOptions
+from aircraft_sysid_ros.mavlink.bridge import Bridge
 from aircraft_sysid_ros.mavlink.decoder import Decoder
 from aircraft_sysid_ros.mavlink.servo_mapping import ServoMapping
 from aircraft_sysid_ros.mavlink.session import Session
@@ -274,6 +277,59 @@ def test_a_restart_in_a_long_silence_is_followed_where_nothing_is_answered(mappi
 
 
 @pytest.mark.long
+class Vehicle:
+    """An autopilot in place of a transport: IMU at 100 Hz and heartbeats; time goes on by 10 ms with each read."""
+
+    def __init__(self, answers):
+        self.decoder, self.ears, self.answers = Decoder(), Decoder(), answers
+        self.decoder.system = self.decoder.component = 1
+        self.steps, self.heard, self.asked = 0, [], []
+
+    def read(self, timeout):
+        if timeout == 0.0:
+            return b""
+        boot = 600 * SECOND + self.steps * SECOND // 100
+        told = [dialect.MAVLink_highres_imu_message(boot // 1000, 0, 0, -9.8, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 63)]
+        told += [dialect.MAVLink_timesync_message(boot, sent) for sent in self.asked if self.answers]
+        data = b"".join(self.decoder.encode(message) for message in told)
+        self.asked.clear()
+        self.steps += 1
+        return heartbeat() + data
+
+    def write(self, data):
+        messages = list(self.ears.decode(data))
+        self.heard += messages
+        self.asked += [m.ts1 for m in messages if m.get_type() == "TIMESYNC" and m.tc1 == 0]
+
+    def hold(self): ...
+
+    def release(self): ...
+
+
+@pytest.mark.parametrize("answers", [True, False])
+@pytest.mark.parametrize("by", [-400 * 86400, -3600, 3600, 100 * 86400])
+def test_our_own_clock_may_be_set_in_flight(by, answers):
+    """By NTP or GPS, long after the start: heartbeats and what goes back stood still until the old time came again, or
+    the link failed on a time that no message can hold, and stamps stayed in the old time."""
+    vehicle, session = Vehicle(answers), Session()
+    back = BackChannel(BackOptions(parameters=("CZ_alpha",)))
+    now = lambda: START + vehicle.steps * SECOND // 100 + (by * SECOND if vehicle.steps >= 1000 else 0)  # noqa: E731
+    bridge = Bridge(vehicle, session, back, now, lambda: vehicle.steps * SECOND // 100)
+    behind = []
+    for k in range(2000):
+        back.wind, back.parameters = Wind((1.0, 2.0, 0.0), (1.0, 1.0, 1.0)), (Known("CZ_alpha", -5.0, 0.1, True),)
+        outputs = bridge.step()
+        behind += [(now() - int(o.stamp[0])) / SECOND for o in outputs if o.topic == "imu/data"]
+        if k == 1000:
+            vehicle.heard.clear()
+    counts = {name: sum(m.get_type() == name for m in vehicle.heard) for name in ("HEARTBEAT", "WIND_COV")}
+    assert counts["HEARTBEAT"] >= 9 and counts["WIND_COV"] >= 6, counts
+    assert sum(m.get_type() == "NAMED_VALUE_FLOAT" for m in vehicle.heard) >= 6
+    assert len(behind) > 1400 and np.abs(behind).max() < 0.05
+    notes = " ".join(session.notes)
+    assert "clock" in notes and ("back" if by < 0 else "ahead") in notes and "restarted" not in notes
+
+
 @pytest.mark.parametrize("sort", ["noise", "nearly"])
 def test_garbage_does_no_harm_and_takes_no_memory(events, mapping, sort):
     """400 kB, a minute of a radio at 57600 baud that hears another transmitter: noise, and broken packets."""
