@@ -13,7 +13,7 @@ import numpy.typing as npt
 from aircraft_sysid_ros.aircraft.atmosphere import STANDARD_GRAVITY
 from aircraft_sysid_ros.aircraft.earth import SEMI_MAJOR_AXIS
 from aircraft_sysid_ros.flight_check.grid import Grid, spikes
-from aircraft_sysid_ros.flight_check.signals import INPUTS, Flight, groups, inside_limits
+from aircraft_sysid_ros.flight_check.signals import INPUTS, Flight, groups, inside_limits, unwrapped
 from aircraft_sysid_ros.identification.coefficients.signals import interpolate, named_inputs
 from aircraft_sysid_ros.identification.options import ParameterOptions
 from aircraft_sysid_ros.samples import Kind
@@ -281,10 +281,3 @@ def eroded(mask: Bools, reach: int, outside: bool) -> Bools:
 def without_short(mask: Bools, reach: int) -> Bools:
     """The mask (n,) where it is true for more than twice ``reach`` steps on end."""
     return ~eroded(~eroded(mask, reach, outside=False), reach, outside=True)
-
-
-def unwrapped(angle: Array) -> Array:
-    """An angle (n,) without its leaps of a turn, NaN where it is NaN."""
-    out, known = angle.copy(), np.isfinite(angle)
-    out[known] = np.unwrap(angle[known])
-    return out

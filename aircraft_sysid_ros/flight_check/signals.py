@@ -26,6 +26,7 @@ FORCE = ("specific_force.x", "specific_force.y", "specific_force.z")
 GYRO = ("angular_velocity.x", "angular_velocity.y", "angular_velocity.z")
 ATTITUDE = ("attitude.roll", "attitude.pitch", "attitude.yaw")
 GEODETIC = ("latitude", "longitude", "altitude")
+_LONGITUDE = GEODETIC.index("longitude")
 VELOCITY = ("velocity.north", "velocity.east", "velocity.down")
 SURFACES = ("elevator", "aileron", "rudder", "flaps")
 #: Signals by kind of sample, in the order of its values; the attitude is stored as a quaternion.
@@ -60,7 +61,7 @@ class Stream:
     kind: Kind
     time: Array  # (n,) [s] from the start of the recording, not falling
     delay: Array  # (n,) [s] from stamp to arrival
-    values: Array  # (n, k) as in NAMES; the attitude as a quaternion, (n, 4)
+    values: Array  # (n, k) as in NAMES; the attitude as a quaternion, (n, 4); longitude without its leap at 180 degrees
     unusable: int = 0  # samples whose values are no numbers, between those that have some
     disordered: int = 0  # samples stamped before the one that arrived before them
     away: int = 0  # samples stamped half a day from the others
@@ -251,10 +252,20 @@ def _stream(
     values = np.where(np.abs(values) <= WILD, values, np.nan)
     order = np.flatnonzero(usable & ~away)
     order = order[np.argsort(stamp[order], kind="stable")]
+    values = values[order]
+    if kind == Kind.GPS_POSITION:
+        values[:, _LONGITUDE] = unwrapped(values[:, _LONGITUDE])
     return Stream(
-        kind, (stamp[order] - start) / NANOSECONDS, (arrival[order] - stamp[order]) / NANOSECONDS, values[order],
+        kind, (stamp[order] - start) / NANOSECONDS, (arrival[order] - stamp[order]) / NANOSECONDS, values,
         _between(usable), disordered, int(np.sum(away)), name,
     )  # fmt: skip
+
+
+def unwrapped(angle: Array) -> Array:
+    """An angle (n,) without its leaps of a turn, NaN where it is NaN."""
+    out, known = angle.copy(), np.isfinite(angle)
+    out[known] = np.unwrap(angle[known])
+    return out
 
 
 def _between(usable: npt.NDArray[np.bool_]) -> int:

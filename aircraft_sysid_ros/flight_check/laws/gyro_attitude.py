@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from aircraft_sysid_ros.flight_check.grid import compare
-from aircraft_sysid_ros.flight_check.motion import Motion, unwrapped
+from aircraft_sysid_ros.flight_check.motion import Motion
 from aircraft_sysid_ros.flight_check.relation import Relation
-from aircraft_sysid_ros.flight_check.signals import ATTITUDE, GYRO
+from aircraft_sysid_ros.flight_check.signals import ATTITUDE, GYRO, unwrapped
 from aircraft_sysid_ros.flight_check.triple import Triple
 
 #: Average [s] over which the noise of an attitude leaves a rate; a wider one for the scale; beyond it a bias does.
