@@ -3,7 +3,8 @@
 The agent's client puts the time of the companion into every message, once it has synchronised clocks (its parameter
 UXRCE_DDS_SYNCT, on by default): such stamps are Unix time and are used as they are. Stamps that count from the start
 of the autopilot are mapped by the least delay of each second, as MAVLink's are without TIMESYNC. So a restart shows in
-two ways: stamps since the start that begin again, and stamps since the start after those of the companion.
+two ways: stamps since the start that begin again, and stamps since the start after those of the companion. One in a
+silence shows in neither: after one, and where our own clock was set, the least delay is found anew.
 """
 
 from __future__ import annotations
@@ -65,13 +66,15 @@ class Px4Listener:
         self._newest_remote = 0
         self._last = 0
         self._is_synchronised = False
-        self._unsynchronised = 0  # messages in a row
-        self._unsynchronised_since = 0
+        self._doubtful = 0  # messages in a row that may be of another start
+        self._doubtful_since = 0
 
     def receive(self, name: str, fields: Fields) -> list[Output]:
         """What a message (n = 1) of a uORB topic says."""
         now = self._now()
         self.received[name] += 1
+        if not -NANOSECONDS <= now - self._last <= _LOST_AFTER:
+            self.clock.reset()
         self._last = now
         stamp = self._stamp(int(sample_time(fields)[0]), int(np.asarray(fields[TIMES[1]])[0]) * 1000, now)
         if stamp is None:
@@ -88,23 +91,28 @@ class Px4Listener:
     def _stamp(self, taken: int, sent: int, now: int) -> int | None:
         """Our time [ns] of a sample; None while it is not known."""
         if sent >= _UNIX:
-            self._unsynchronised = 0
+            self._doubtful = 0
             if not self._is_synchronised:
                 self._is_synchronised = True
                 self.notes.append("PX4's stamps are those of this computer's clock")
             return taken
-        if sent < self._newest_remote - NANOSECONDS or (self._is_synchronised and self._has_lost_the_clock(now)):
+        has_gone_back = sent < self._newest_remote - NANOSECONDS
+        if not has_gone_back and not self._is_synchronised:
+            self._doubtful = 0
+        elif self._is_confirmed(now):
             self._start_anew(sent)
+        elif has_gone_back:
+            return None
         self._newest_remote = max(sent, self._newest_remote)
         self.clock.add_one_way(sent, now)
         return self.clock.to_local(taken)
 
-    def _has_lost_the_clock(self, now: int) -> bool:
-        """Whether stamps count from the start for good, and not those of one message among synchronised ones."""
-        if not self._unsynchronised:
-            self._unsynchronised_since = now
-        self._unsynchronised += 1
-        return self._unsynchronised >= CONFIRMING and now - self._unsynchronised_since >= CONFIRMING_SPAN
+    def _is_confirmed(self, now: int) -> bool:
+        """Whether stamps are of another start for good, and not those of one message that is late."""
+        if not self._doubtful:
+            self._doubtful_since = now
+        self._doubtful += 1
+        return self._doubtful >= CONFIRMING and now - self._doubtful_since >= CONFIRMING_SPAN
 
     def _start_anew(self, sent: int) -> None:
         self.restarts += 1
@@ -112,7 +120,7 @@ class Px4Listener:
         self.clock.reset()
         self.assembler = Assembler(PX4, self.mapping)
         self._newest_remote = sent
-        self._is_synchronised, self._unsynchronised = False, 0
+        self._is_synchronised, self._doubtful = False, 0
 
     @property
     def condition(self) -> str:

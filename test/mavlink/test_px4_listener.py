@@ -71,7 +71,7 @@ def test_stamps_since_the_start_are_late_by_the_least_delay(samples):
     assert np.abs(stamps - sent - 2_000_000).max() < 200_000  # [ns]
     assert 0 < listener.unstamped < 0.3 * len(samples.stamp)
     assert "least delay" in listener.summary()["clock"]
-    heard(listener, px4_messages(samples, start=1_000_000)[:100], delay=2_000_000)
+    heard(listener, px4_messages(samples, start=1_000_000)[:400], delay=2_000_000)
     assert listener.restarts == 1 and "has restarted" in " ".join(listener.take_notes())
 
 
@@ -94,6 +94,60 @@ def test_a_restart_of_a_synchronised_autopilot_is_said(samples):
     assert len(stamps) > 50 and np.all(stamps > flown.stamp.max()) and np.all(stamps <= samples.stamp.max() + 2_000_000)
     heard(listener, px4_messages(restarted)[-5:])
     assert listener.restarts == 1 and listener.summary()["clock"] == "of this computer"
+
+
+SECOND = 1_000_000_000
+
+
+class Imu:
+    """A listener that hears an IMU at 100 Hz, stamped since the start of the autopilot."""
+
+    def __init__(self):
+        self.listener, self.now = Px4Listener(clock=lambda: self.now), 1_760_000_000 * SECOND
+
+    def hear(self, up, seconds):
+        """Messages of an autopilot that is up for so long [s]; by how much [s] stamps are off, of those that came."""
+        off = []
+        for k in range(round(seconds * 100)):
+            self.now += SECOND // 100
+            off += self.hear_one(up + k / 100)
+        return np.array(off)
+
+    def hear_one(self, up):
+        fields = {"accelerometer_m_s2": np.zeros((1, 3)), "gyro_rad": np.zeros((1, 3))}
+        outputs = self.listener.receive("sensor_combined", {"timestamp": np.array([round(1e6 * up)]), **fields})
+        return [(int(output.stamp[0]) - self.now) / SECOND for output in outputs]
+
+
+def test_one_late_message_is_no_restart():
+    """It made the clock be learnt anew, and seconds of all sensors were lost."""
+    imu = Imu()
+    imu.hear(100.0, 5.0)
+    assert imu.hear_one(102.0) == []
+    assert len(imu.hear(105.0, 2.0)) == 200 and imu.listener.restarts == 0
+    assert imu.hear(1.0, 0.4).size == 0
+    assert imu.listener.restarts == 0
+    assert np.abs(imu.hear(1.4, 5.0)).max() < 0.02
+    assert imu.listener.restarts == 1 and imu.listener.take_notes() == ["the autopilot has restarted"]
+
+
+def test_a_restart_in_a_long_silence_is_followed():
+    """It is up for longer than before, so that no time goes back: stamps were minutes behind for the rest."""
+    imu = Imu()
+    imu.hear(10.0, 10.0)
+    imu.now += 600 * SECOND
+    found = imu.hear(100.0, 10.0)
+    assert len(found) > 700 and np.abs(found).max() < 0.02
+
+
+@pytest.mark.parametrize("by", [-3600, 3600])
+def test_the_clock_of_the_computer_may_be_set(by):
+    """Without synchronised clocks stamps stayed in the old time."""
+    imu = Imu()
+    imu.hear(10.0, 10.0)
+    imu.now += by * SECOND
+    found = imu.hear(20.0, 10.0)
+    assert len(found) > 700 and np.abs(found).max() < 0.02 and imu.listener.restarts == 0
 
 
 def airspeed(source, name="airspeed_source"):
