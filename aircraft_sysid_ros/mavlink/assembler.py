@@ -339,6 +339,8 @@ class Assembler:
         held = self._held[Quantity.ATTITUDE]
         rows = np.searchsorted(held.stamp, stamp, side="right") - 1
         taken = held.stamp[np.maximum(rows, 0)] if len(held.stamp) else np.zeros(len(stamp), np.int64)
+        if len(held.stamp) and held.stamp[-1] < self._attitude_used:  # the clock went back
+            self._attitude_used = np.iinfo(np.int64).min
         previous = np.concatenate([[self._attitude_used], taken[:-1]])
         fresh = (rows >= 0) & (taken > previous) & (stamp - taken <= _ATTITUDE_AGE * NANOSECONDS)
         std = self.mapping.attitude_std or 0.0

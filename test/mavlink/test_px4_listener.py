@@ -1,5 +1,7 @@
 """PX4's topics live, without ROS: numbers as PX4 means them, as `import` has them, and stamps of either clock."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import yaml
@@ -148,6 +150,20 @@ def test_the_clock_of_the_computer_may_be_set(by):
     imu.now += by * SECOND
     found = imu.hear(20.0, 10.0)
     assert len(found) > 700 and np.abs(found).max() < 0.02 and imu.listener.restarts == 0
+
+
+def test_the_attitude_is_fed_on_after_the_clock_was_set_back():
+    """Of synchronised clocks: it was left out until the old time came again."""
+    listener = Px4Listener(replace(MAPPING, attitude_std=0.05))
+    fed = []
+    for begin in (1_760_000_000, 1_760_000_000 - 3600):
+        for k in range(100):
+            time = {"timestamp": np.array([1_000_000 * begin + 10_000 * k])}
+            listener.receive("vehicle_attitude", {**time, "q": np.array([[1.0, 0.0, 0.0, 0.0]])})
+            imu = {"accelerometer_m_s2": np.zeros((1, 3)), "gyro_rad": np.zeros((1, 3))}
+            (output,) = listener.receive("sensor_combined", time | imu)
+            fed.append(output.fields["orientation_covariance"][0, 0] > 0.0)
+    assert all(fed)
 
 
 def airspeed(source, name="airspeed_source"):
