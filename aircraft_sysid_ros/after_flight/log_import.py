@@ -31,7 +31,7 @@ def import_log(
     if not out:
         raise InputError("give with --out where to write the recording")
     if calibration and (why := why_no_calibration(path, columns)):
-        raise InputError(f"--calibration is for logs of autopilots: {why}")
+        raise InputError(f"--servos is for logs of autopilots: {why}")
     if columns:
         return _import_tables(path, out, columns, overwrite)
     suffix = path.suffix.lower()

@@ -73,6 +73,8 @@ def load_calibration(path: str | Path) -> Calibration:
 
 def calibration_from_dict(content: Any) -> Calibration:
     """Check the content of a calibration file; raises InputError."""
+    if isinstance(content, Mapping) and "outputs" in content:
+        raise InputError("it says what the outputs of an autopilot mean: that is for --servos of import and bridge")
     if not isinstance(content, Mapping) or not set(content) & set(PARAMETERS):
         raise InputError(f"it must be a YAML mapping with one of {', '.join(PARAMETERS)}")
     _check_keys(content, (*PARAMETERS, "source"), "section")

@@ -13,7 +13,7 @@ from dataclasses import replace
 from typing import Any
 
 from aircraft_sysid_ros.commands import bridge_px4
-from aircraft_sysid_ros.commands.options import absolute_namespace, add_option
+from aircraft_sysid_ros.commands.options import absolute_namespace, add_option, add_servos
 from aircraft_sysid_ros.commands.progress import progress_bar, say_ready
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.installation import MissingExtra, missing_ros, start_ros, stay_local
@@ -33,7 +33,7 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
         help="udp:HOST:PORT (listens), udpout:HOST:PORT, tcp:HOST:PORT or serial:DEVICE:BAUD; "
         "dds:[PREFIX] for topics of px4_msgs, by default under fmu/out "
         f"(default: {DEFAULT_CONNECTION})")  # fmt: skip
-    add("--calibration", metavar="FILE", help="what outputs and airspeed mean (YAML); without it no control surfaces")
+    add_servos(parser, "what outputs and airspeed mean (YAML); without it no control surfaces")
     add("--peer", default="", metavar="HOST",
         help="the only host that is accepted on UDP (default: that of the vehicle, once it is found)")  # fmt: skip
     add("--signing-key", default="", metavar="FILE",
@@ -96,8 +96,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
 def _say_listening(args: argparse.Namespace, said: str) -> None:
     print(f"listening on {args.connection}{', publishing to ' if said else ''}{said}", file=sys.stderr)
-    if not args.calibration:
-        print("without --calibration it is not known what the outputs move: no control surfaces", file=sys.stderr)
+    if not args.servos:
+        print("without --servos it is not known what the outputs move: no control surfaces", file=sys.stderr)
     sys.stderr.flush()
     say_ready(args.ready_file)
 
@@ -139,10 +139,10 @@ def _check(args: argparse.Namespace) -> None:
     except ImportError:
         raise MissingExtra("bridges", "pymavlink", "bridge") from None
     address = parse_address(args.connection)
-    if args.calibration:
-        mapping = load_servo_mapping(args.calibration)
+    if args.servos:
+        mapping = load_servo_mapping(args.servos)
         Requests(mapping.rates)
-        check_sources(MAVLINK, mapping, args.calibration)
+        check_sources(MAVLINK, mapping, args.servos)
     if args.signing_key:
         load_key(args.signing_key)
     if args.peer and address.kind != "udpin":
@@ -189,7 +189,7 @@ def _node_arguments(args: argparse.Namespace) -> dict[str, Any]:
 
     values = {
         "connection": args.connection,
-        "calibration_file": args.calibration or "",
+        "calibration_file": args.servos or "",
         "peer": args.peer,
         "signing_key_file": args.signing_key,
         "system": args.system,

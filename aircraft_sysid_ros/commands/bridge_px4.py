@@ -34,8 +34,8 @@ def check(args: argparse.Namespace) -> None:
     if args.back:
         raise InputError(f"--back sends MAVLink: it needs a bridge of its own, without {SCHEME}")
     only_known_topics(args.topics, "--topics: unknown topic")
-    if args.calibration:
-        check_sources(PX4, load_servo_mapping(args.calibration), args.calibration)
+    if args.servos:
+        check_sources(PX4, load_servo_mapping(args.servos), args.servos)
 
 
 def node(args: argparse.Namespace) -> Callable[[], Any]:
@@ -49,7 +49,7 @@ def node(args: argparse.Namespace) -> Callable[[], Any]:
     check_definitions()
     values = {
         "prefix": prefix,
-        "calibration_file": args.calibration or "",
+        "calibration_file": args.servos or "",
         "topics": args.topics or [""],
     }
     overrides = [Parameter(name, value=value) for name, value in values.items()]

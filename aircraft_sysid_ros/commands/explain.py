@@ -14,7 +14,7 @@ from typing import Any
 from aircraft_sysid_ros import api
 from aircraft_sysid_ros.aircraft.configuration import Aircraft, aircraft_from_dict
 from aircraft_sysid_ros.commands.notes import note_lines
-from aircraft_sysid_ros.commands.options import add_option
+from aircraft_sysid_ros.commands.options import add_option, add_servos
 from aircraft_sysid_ros.commands.progress import telling
 from aircraft_sysid_ros.diagnosis.significance.parametric_bootstrap import COUNT
 from aircraft_sysid_ros.errors import InputError
@@ -45,7 +45,7 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
         )
     add("--out", required=True, metavar="DIR", help="folder to write: the run, and explain.html")
     add("--map", metavar="MAP", help="for tables, which column is which signal (YAML, docs/import.md)")
-    add("--calibration", metavar="FILE", help="what servo outputs and airspeed of an autopilot mean (YAML)")
+    add_servos(parser, "what servo outputs and airspeed of an autopilot mean (YAML)")
     add_option(parser, "calm_air", options_of(StateOptions)["calm_air"])
     add("--overwrite", action="store_true", help="replace an explanation that is there")
     add("--replicas", type=int, default=COUNT, metavar="N",
@@ -64,7 +64,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     aircraft = _aircraft(args)
     with telling("explain") as tell:
         found = api.explain(
-            args.log, aircraft, args.out, columns=args.map, calibration=args.calibration, overwrite=args.overwrite,
+            args.log, aircraft, args.out, columns=args.map, calibration=args.servos, overwrite=args.overwrite,
             replicas=args.replicas, calm_air=args.calm_air, tell=tell,
         )  # fmt: skip
     return found.json

@@ -43,7 +43,7 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
     add("--no-diagnosis", action="store_true",
         help="leave out diagnose, which takes most of the time: what changes is learnt without it")  # fmt: skip
     add("--map", metavar="MAP", help="which column is which signal, as for import: tables are flights, too")
-    add("--servos", metavar="FILE", help="what the outputs of an autopilot mean, as --calibration of import")
+    add("--servos", metavar="FILE", help="what the outputs of an autopilot mean, as for import")
     add("--calm-air", action="store_true",
         help="as for replay: where no airspeed is measured, the speed over ground is used")  # fmt: skip
     add("--runs", action="store_true", help="keep the run of every flight, in DIR/runs")

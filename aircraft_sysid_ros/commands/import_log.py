@@ -7,6 +7,7 @@ from typing import Any
 
 from aircraft_sysid_ros.after_flight.log_import import KINDS, guess_columns, import_log
 from aircraft_sysid_ros.commands.notes import note_lines
+from aircraft_sysid_ros.commands.options import add_servos
 from aircraft_sysid_ros.errors import InputError
 
 
@@ -31,10 +32,9 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
         metavar="MAP",
         help="write a first MAP from names, units, values and physics, to be checked and edited; nothing is imported",
     )
-    parser.add_argument(
-        "--calibration",
-        metavar="FILE",
-        help="what servo outputs and airspeed of an autopilot mean (YAML); without it no control surfaces. "
+    add_servos(
+        parser,
+        "what servo outputs and airspeed of an autopilot mean (YAML); without it no control surfaces. "
         "For tables that an autopilot wrote, only its outputs are read",
     )
     parser.add_argument("--overwrite", action="store_true", help="replace a recording that is there")
@@ -46,8 +46,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     if args.guess:
         if args.out:
             raise InputError("--guess writes a MAP and imports nothing: leave --out out")
-        return guess_columns(args.log, args.guess, calibration=args.calibration, overwrite=args.overwrite)
-    return import_log(args.log, args.out, columns=args.map, calibration=args.calibration, overwrite=args.overwrite)
+        return guess_columns(args.log, args.guess, calibration=args.servos, overwrite=args.overwrite)
+    return import_log(args.log, args.out, columns=args.map, calibration=args.servos, overwrite=args.overwrite)
 
 
 def render(report: dict[str, Any]) -> str:

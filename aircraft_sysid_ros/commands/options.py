@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import math
+import sys
 from typing import Any
 
 from aircraft_sysid_ros.errors import InputError
@@ -53,6 +54,20 @@ def add_estimator_options(parser: argparse.ArgumentParser) -> None:
         metavar=("LOW", "HIGH"),
         help=f"lowest and highest frequency that the estimator fourier uses (default: {band} Hz)",
     )
+
+
+class _OldName(argparse.Action):
+    """An option that is called ``option_strings[0]`` no more: it still means the same, with a word of warning."""
+
+    def __call__(self, parser: argparse.ArgumentParser, namespace: Any, values: Any, option: str | None = None) -> None:
+        print(f"{parser.prog}: {option} is the old name: use {flag_of(self.dest)}", file=sys.stderr)
+        setattr(namespace, self.dest, values)
+
+
+def add_servos(parser: argparse.ArgumentParser, sentence: str) -> None:
+    """--servos; its name before, --calibration, is the file of `calibrate` everywhere else."""
+    parser.add_argument("--servos", metavar="FILE", help=sentence)
+    parser.add_argument("--calibration", dest="servos", action=_OldName, metavar="FILE", help=argparse.SUPPRESS)
 
 
 def add_prior_options(parser: argparse.ArgumentParser) -> None:

@@ -66,6 +66,8 @@ _KEYS = (
     "outputs", "airspeed", "flow_angles", "air_temperature", "gps_velocity", "attitude", "propeller", "named_values",
     "rates",
 )  # fmt: skip
+#: Sections of the other kind of calibration file, that of a sensor's errors.
+_OF_CALIBRATE = ("five_hole_probe", "magnetometer", "compatibility")
 _MOST_OUTPUTS = 32
 #: Numbers of motors among the outputs that are commands: PX4's own for Motor 1 to Motor 12.
 MOTORS = range(101, 113)
@@ -292,6 +294,8 @@ def _mapping(data: Any, what: str, known: tuple[str, ...] | None = None) -> Mapp
         raise InputError(f"{what} must be a mapping, not '{str(data)[:60]}'")
     for key in data:
         if known is not None and key not in known:
+            if known is _KEYS and key in _OF_CALIBRATE:
+                raise InputError("it holds what `calibrate` found: that is for --calibration of replay and live")
             hint = did_you_mean(str(key), known, quote="'") or f"known are {', '.join(known)}"
             raise InputError(f"{what}: unknown key '{key}': {hint}")
     return data

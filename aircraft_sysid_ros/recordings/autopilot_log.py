@@ -28,7 +28,7 @@ _LEAPS = (
 _INPUTS = {
     "imu/data": "an IMU", "imu/mag": "a magnetometer", "gps/fix": "a GPS position", "gps/vel": "a GPS velocity",
 }  # fmt: skip
-NO_SURFACES = "outputs are recorded, but not what they move: give a calibration file (--calibration)"
+NO_SURFACES = "outputs are recorded, but not what they move: give a calibration file (--servos)"
 
 
 @dataclass(frozen=True)
@@ -90,7 +90,7 @@ def _attitude_note(topics: Sequence[ImportedTopic], missing: Mapping[str, str], 
         return []
     return [
         "the autopilot's attitude is a reference and not used; without vanes it helps to find the flow angles: "
-        "`attitude: {std: 0.05}` [rad] in the calibration file (--calibration) gives it to the filter"
+        "`attitude: {std: 0.05}` [rad] in the calibration file (--servos) gives it to the filter"
     ]
 
 

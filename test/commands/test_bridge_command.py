@@ -29,7 +29,7 @@ def refused(capfd, *arguments):
     [
         (["nonsense"], "the connection 'nonsense' is not understood"),
         (["udp:127.0.0.1:0"], "not understood"),
-        (["--calibration", "nowhere.yaml"], "cannot read the calibration file nowhere.yaml"),
+        (["--servos", "nowhere.yaml"], "cannot read the calibration file nowhere.yaml"),
         (["--system", "300"], "--system must be from 0 to 255"),
         (["--topics", "imu"], "unknown topic imu"),
         (["--duration", "0"], "--duration must be a positive time"),
@@ -79,7 +79,7 @@ def test_a_bridge_that_hears_nothing_ends_and_says_so():
     options = {"capture_output": True, "text": True, "timeout": 60}
     assert "no autopilot was heard" in subprocess.run([*command, "--duration", "1"], check=True, **options).stdout
     done = subprocess.run([*command, "--duration", "1", "--json"], check=True, **options)
-    assert "without --calibration" in done.stderr and "no control surfaces" in done.stderr
+    assert "without --servos" in done.stderr and "no control surfaces" in done.stderr
     result = json.loads(done.stdout)
     assert result["vehicle"] is None and result["received"] == {} and result["clock"]["std"] is None
 
@@ -88,7 +88,7 @@ def test_import_refuses_a_bad_calibration_before_it_writes(capfd, tmp_path):
     (tmp_path / "flight.bin").write_bytes(b"\xa3\x95")
     (tmp_path / "bad.yaml").write_text("outputs: {1: {surface: wing}}")
     line = refused(
-        capfd, "import", tmp_path / "flight.bin", "--out", tmp_path / "bag", "--calibration", tmp_path / "bad.yaml"
+        capfd, "import", tmp_path / "flight.bin", "--out", tmp_path / "bag", "--servos", tmp_path / "bad.yaml"
     )
     assert "unknown surface 'wing'" in line
     assert not (tmp_path / "bag").exists()

@@ -457,7 +457,7 @@ def test_outputs_of_which_nothing_says_what_they_move_are_not_to_be_recorded(air
     checked = _with_outputs(CheckedRecording("log", 60.0, found, ()))
     said = next_flights({**checked.json, "identifiable": {}}, None, (), None)
     assert said[0] == "Record true_airspeed: no manoeuvre makes up for what is not in the log."
-    assert "--calibration" in said[1] and "elevator and aileron" in said[1]
+    assert "--servos" in said[1] and "elevator and aileron" in said[1]
 
 
 def test_what_would_let_an_axis_be_compared_stands_beside_it_and_not_in_the_notes(aircraft):
@@ -794,7 +794,7 @@ def test_bad_input_is_one_sentence_and_leaves_nothing(refused, run_with_hidden_e
     for replicas in (-1, 1, 51):
         assert "must be from 2 to 50" in refused("explain", bag, *file, "--out", out, "--replicas", replicas)
     recording = run_with_hidden_effect.parent / "flight"
-    assert "is for logs of autopilots" in refused("explain", recording, *file, "--out", out, "--calibration", file[1])
+    assert "is for logs of autopilots" in refused("explain", recording, *file, "--out", out, "--servos", file[1])
     assert "--map is for tables" in refused("explain", recording, *file, "--out", out, "--map", file[1])
     assert "--chord X --inertia" in refused("explain", bag, "--mass", 2, "--span", 1, "--wing-area", 1, "--out", out)
     assert "--mass does not go with --aircraft" in refused("explain", bag, *file, "--mass", 2, "--out", out)

@@ -25,7 +25,7 @@ from aircraft_sysid_ros.ros_messages.conversion import FIX, UNKNOWN_FIX
 
 ARDUPILOT, CONTROLLER = "docs/tutorials/beside-ardupilot.md", "docs/tutorials/feed-a-controller.md"
 WAY = {
-    "bridge": (ARDUPILOT, "aircraft-sysid bridge udp:0.0.0.0:14550 --calibration config/"),
+    "bridge": (ARDUPILOT, "aircraft-sysid bridge udp:0.0.0.0:14550 --servos config/"),
     "live": (
         ARDUPILOT,
         "aircraft-sysid live --aircraft config/ultra_stick_25e.yaml --out runs/today",

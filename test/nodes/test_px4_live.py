@@ -41,7 +41,7 @@ def test_a_flight_beside_px4(px4, aircraft, aircraft_file, tmp_path):
     flight = simulate_samples(aircraft, seed=3, duration=DURATION)
     (tmp_path / "servos.yaml").write_text(SERVOS)
     (tmp_path / "messages").write_bytes(pickle.dumps(px4_messages(flight.samples)))
-    words = ("dds:px4_1/fmu/out", "--calibration", tmp_path / "servos.yaml", "--namespace", "uav1")
+    words = ("dds:px4_1/fmu/out", "--servos", tmp_path / "servos.yaml", "--namespace", "uav1")
     with live(tmp_path / "run", aircraft_file, "--namespace", "uav1", "--reliable", "--until-idle", "5") as running:
         bridging = bridge(px4, *map(str, words))
         agent = [sys.executable, AGENT, tmp_path / "messages", "2", "/uav1/px4_1/fmu/out/"]
@@ -90,7 +90,7 @@ def test_without_px4_msgs_it_is_one_sentence():
         (("dds:", "--peer", "10.0.0.1"), "--peer is for MAVLink"),
         (("dds:", "--back", "CZ_alpha"), "--back sends MAVLink"),
         (("dds:", "--topics", "imu"), "unknown topic imu"),
-        (("dds:", "--calibration", "nowhere.yaml"), "cannot read the calibration file"),
+        (("dds:", "--servos", "nowhere.yaml"), "cannot read the calibration file"),
     ],
 )
 def test_bad_input_is_one_sentence(words, text, capsys):
@@ -113,7 +113,7 @@ def test_its_bag_is_read_by_import_to_the_same_samples(aircraft, aircraft_file, 
     command = ours("commands.main", "replay", bag, "--aircraft", aircraft_file, "--out", tmp_path / "run")
     refused = subprocess.run(command, capture_output=True, text=True, check=False)
     assert refused.returncode == 2 and f"`aircraft-sysid import {bag} --out BAG` makes a recording" in refused.stderr
-    words = ("import", bag, "--out", tmp_path / "flight", "--calibration", tmp_path / "servos.yaml")
+    words = ("import", bag, "--out", tmp_path / "flight", "--servos", tmp_path / "servos.yaml")
     subprocess.run(ours("commands.main", *words), check=True, capture_output=True)
     found = read_recording(tmp_path / "flight").samples
     for kind, columns in ((Kind.IMU, 6), (Kind.CONTROLS, 3), (Kind.AIRSPEED, 1), (Kind.GPS_POSITION, 3)):

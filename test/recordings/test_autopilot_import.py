@@ -62,7 +62,7 @@ def calibration(tmp_path):
 
 def run_import(log, out, calibration=None):
     args = argparse.Namespace(
-        log=str(log), out=str(out), overwrite=False, map=None, guess=None, calibration=calibration and str(calibration)
+        log=str(log), out=str(out), overwrite=False, map=None, guess=None, servos=calibration and str(calibration)
     )
     report = import_log.run(args)
     json.dumps(report)
@@ -153,7 +153,7 @@ def test_outputs_that_nobody_explains_wait_for_a_calibration(tmp_path):
     log = tmp_path / "flight.bin"
     log.write_bytes(dataflash(FORMATS, dataflash_rows()))
     report, _ = run_import(log, tmp_path / "bag", None)
-    assert report["missing"]["control_surfaces"].endswith("give a calibration file (--calibration)")
+    assert report["missing"]["control_surfaces"].endswith("give a calibration file (--servos)")
     assert report["found"]["RCOU"]["state"].startswith("needs a calibration file")
     assert any("attitude: {std: 0.05}" in note for note in report["notes"])
 
@@ -233,7 +233,7 @@ def test_dataflash_with_vanes_and_without_calibration(tmp_path):
     log.write_bytes(dataflash(FORMATS, dataflash_rows()))
     report, recording = run_import(log, tmp_path / "bare")
     assert "control_surfaces" not in recording.topics
-    assert "--calibration" in report["missing"]["control_surfaces"]
+    assert "--servos" in report["missing"]["control_surfaces"]
     vanes = tmp_path / "vanes.yaml"
     vanes.write_text("flow_angles: measured\nairspeed: {meaning: 'true', scale: 1.1}\n")
     _, recording = run_import(log, tmp_path / "vanes", vanes)
@@ -406,7 +406,7 @@ def test_inputs_that_the_calibration_names_come_out_of_a_log_by_their_names(tmp_
     log, file = tmp_path / f"flight.{'ulg' if kind == 'ulog' else 'bin'}", tmp_path / "calibration.yaml"
     log.write_bytes(ulog(ulog_topics()) if kind == "ulog" else dataflash(FORMATS, dataflash_rows()))
     file.write_text(CALIBRATION.rstrip() + NAMED)
-    report = processed("import", log, "--out", tmp_path / "bag", "--calibration", file)
+    report = processed("import", log, "--out", tmp_path / "bag", "--servos", file)
     count = len(range(0, COUNT, 5))
     assert report["topics"]["inputs"]["messages"] == report["topics"]["control_surfaces"]["messages"] == count
     recording = read_recording(tmp_path / "bag", [NamedInput("left_flap"), NamedInput("spoiler")])

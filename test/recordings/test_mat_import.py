@@ -298,7 +298,7 @@ def test_the_command_overwrites_only_when_told(tmp_path):
     def run(*, overwrite):
         return import_log.run(
             argparse.Namespace(
-                log=str(SWISS), out=str(tmp_path / "bag"), overwrite=overwrite, map=None, guess=None, calibration=None
+                log=str(SWISS), out=str(tmp_path / "bag"), overwrite=overwrite, map=None, guess=None, servos=None
             )
         )
 
@@ -320,7 +320,7 @@ def test_other_files_are_an_input_error(tmp_path, name):
                 overwrite=False,
                 map=None,
                 guess=None,
-                calibration=None,
+                servos=None,
             )
         )
     assert name in str(error.value)

@@ -75,7 +75,7 @@ def test_outputs_of_tables_become_what_the_calibration_says(kind, outputs, tmp_p
     if kind is ulog2csv:
         shown = (outputs - 1500.0) / 400.0 * [1, 1, 0.5] + [0, 0, 0.5]
     source = kind(tmp_path / "log", shown)
-    calibration = ["--calibration", str(tmp_path / "servos.yaml")]
+    calibration = ["--servos", str(tmp_path / "servos.yaml")]
     assert main(["import", str(source), *calibration, "--out", str(tmp_path / "bag")]) == 0
     samples = read_recording(tmp_path / "bag", [NamedInput("elevon_left")]).samples
     mapping = load_servo_mapping(tmp_path / "servos.yaml")
@@ -146,7 +146,7 @@ def test_what_a_calibration_says_beyond_the_tables_is_told(text, words, outputs,
     (tmp_path / "log").mkdir()
     (tmp_path / "servos.yaml").write_text(text)
     source = rostopic(tmp_path / "log", outputs)
-    calibration = ["--calibration", str(tmp_path / "servos.yaml")]
+    calibration = ["--servos", str(tmp_path / "servos.yaml")]
     status = main(["import", str(source), *calibration, "--out", str(tmp_path / "bag")])
     shown = capsys.readouterr()
     assert words in shown.out + shown.err
@@ -157,6 +157,6 @@ def test_what_a_calibration_says_beyond_the_tables_is_told(text, words, outputs,
 def test_a_calibration_does_not_help_with_tables_of_no_autopilot(outputs, tmp_path, capsys):
     (tmp_path / "servos.yaml").write_text(PULSES)
     write_rows(tmp_path / "x.csv", ["time", "p"], [np.arange(100.0), np.zeros(100)])
-    calibration = ["--calibration", str(tmp_path / "servos.yaml")]
+    calibration = ["--servos", str(tmp_path / "servos.yaml")]
     assert main(["import", str(tmp_path / "x.csv"), "--guess", str(tmp_path / "map.yaml"), *calibration]) == 2
     assert "is not one that is known" in capsys.readouterr().err

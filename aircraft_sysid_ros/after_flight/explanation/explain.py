@@ -341,7 +341,7 @@ def _recording(log: Path, target: Path, options: ExplainOptions) -> tuple[Path, 
             refused = error
         if refused is None:
             if options.calibration:
-                raise InputError(f"--calibration is for logs of autopilots: the recording {log} needs none")
+                raise InputError(f"--servos is for logs of autopilots: the recording {log} needs none")
             return log, []
     try:
         report = import_log(log, target, columns=options.columns, calibration=options.calibration)

@@ -77,7 +77,7 @@ def _to_record(check: Mapping[str, Any]) -> Iterator[str]:
     if missing := [signal for signal, why in absent.items() if NO_SURFACES not in why]:
         yield f"Record {listed(missing)}: no manoeuvre makes up for what is not in the log."
     if outputs := [signal for signal in absent if signal not in missing]:
-        yield f"Explain this log again with --calibration: nothing says which of its outputs move {listed(outputs)}."
+        yield f"Explain this log again with --servos: nothing says which of its outputs move {listed(outputs)}."
 
 
 def _lacking(diagnosis: Mapping[str, Any] | None) -> dict[str, list[str]]:

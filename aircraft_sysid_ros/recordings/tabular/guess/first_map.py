@@ -79,7 +79,7 @@ def guess_map(path: Path, mapping: ServoMapping | None = None) -> FirstMap:
         noted = dict.fromkeys(table.note for _, table in tables if table.note)
         return _of_known_kind(tables, known[0], [*notes, *noted, *known[1]])
     if mapping is not None:
-        raise InputError(f"--calibration is for logs of autopilots, and {path} is not one that is known")
+        raise InputError(f"--servos is for logs of autopilots, and {path} is not one that is known")
     notes += [note for _, table in tables if (note := table.note or _without_names(table))]
     looked_at: dict[str | None, tuple[dict[str, npt.NDArray[Any]], TimeGuess | None]] = {}
 

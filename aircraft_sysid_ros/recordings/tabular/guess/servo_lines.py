@@ -22,9 +22,9 @@ _MOST = 16
 def uncalibrated(topic: str) -> list[KnownLine]:
     """The outputs of a topic as inputs of their own, in the log's own numbers."""
     if topic in _PULSES:
-        name, why = "pulse", "a pulse [us], no angle: --calibration says what it moves"
+        name, why = "pulse", "a pulse [us], no angle: --servos says what it moves"
     else:
-        name, why = topic.removeprefix("actuator_").rstrip("s"), "-1 to 1, no angle: --calibration says what it moves"
+        name, why = topic.removeprefix("actuator_").rstrip("s"), "-1 to 1, no angle: --servos says what it moves"
     return [
         KnownLine(f"inputs.{name}_{i + 1}", _column(topic, i), "1", why=why, unless_zero=True) for i in range(_MOST)
     ]
