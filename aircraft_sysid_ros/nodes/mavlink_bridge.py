@@ -90,6 +90,7 @@ class MavlinkBridgeNode(ConfigurableNode):
 
     def configure(self, values: Mapping[str, Any]) -> None:
         """Read the calibration, open the connection, create publishers."""
+        self.failure = None
         path = values["calibration_file"]
         mapping = load_servo_mapping(path) if path else ServoMapping()
         transport = Transport(parse_address(values["connection"]), values["peer"])
@@ -123,8 +124,8 @@ class MavlinkBridgeNode(ConfigurableNode):
         self._hear(self.bridge.back.options)
         self._timer = common.steady_timer(self, common.DIAGNOSTICS_PERIOD, self._publish_diagnostics)
         self._process_times = common.process_times()
-        self._stop.clear()
-        self._thread = threading.Thread(target=self._read, name="mavlink", daemon=True)
+        self.failure, self._stop = None, threading.Event()  # of this thread: the one before may hang, and ends then
+        self._thread = threading.Thread(target=self._read, args=(self._stop,), name="mavlink", daemon=True)
         self._thread.start()
         self.get_logger().info(f"active, and reads {self.get_parameter('connection').value}")
 
@@ -184,11 +185,11 @@ class MavlinkBridgeNode(ConfigurableNode):
 
     # -- the link --------------------------------------------------------------------------------------------
 
-    def _read(self) -> None:
+    def _read(self, stop: threading.Event) -> None:
         assert self.bridge is not None and self._topics is not None
         bridge, topics = self.bridge, self._topics
         try:
-            while not self._stop.is_set():
+            while not stop.is_set():
                 for output in bridge.step(STEP):
                     topics.publish(output)
                 for note in bridge.session.take_notes():

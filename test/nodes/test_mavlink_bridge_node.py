@@ -212,6 +212,43 @@ def test_a_node_that_cannot_be_configured_says_why(bench, capfd, parameters, tex
     assert text in capfd.readouterr().err
 
 
+def test_a_link_that_could_not_be_opened_at_first_has_not_failed_later(bench):
+    """A lifecycle manager configures again until the autopilot listens: the diagnostics went on to say "failed"."""
+    port = free_port()
+    node = bench.node(MavlinkBridgeNode, connection=f"tcp:127.0.0.1:{port}")
+    diagnostics = bench.listen(DiagnosticArray, "/diagnostics")
+    assert node.trigger_configure() == TransitionCallbackReturn.FAILURE
+    with socket.socket(socket.AF_INET, socket.SOCK_STREAM) as autopilot:
+        autopilot.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        autopilot.bind(("127.0.0.1", port))
+        autopilot.listen()
+        assert common.start(node)
+        bench.spin_until(lambda: bool(diagnostics))
+        node.trigger_deactivate()
+    assert next(s.message for m in diagnostics for s in m.status) == "waiting for the heartbeat of an autopilot"
+
+
+def test_a_thread_that_hangs_does_not_read_beside_the_next_one(bench, monkeypatch):
+    """In an attempt to connect, for one: deactivated and activated again, two threads read one link."""
+    node = bench.node(MavlinkBridgeNode, connection=f"udp:127.0.0.1:{free_port()}")
+    assert node.trigger_configure() == TransitionCallbackReturn.SUCCESS
+    hangs, readers = threading.Event(), []
+
+    def step(timeout):
+        readers.append(threading.current_thread())
+        hangs.wait(10.0)
+        time.sleep(0.01)
+        return []
+
+    monkeypatch.setattr(node.bridge, "step", step)
+    node.trigger_activate()
+    node.trigger_deactivate()
+    node.trigger_activate()
+    hangs.set()
+    readers[0].join(timeout=5.0)
+    assert not readers[0].is_alive() and node._thread.is_alive()
+
+
 def test_every_topic_has_a_type_that_is_installed():
     for kind in ALL_TOPICS.values():
         assert common.message_class(kind)
