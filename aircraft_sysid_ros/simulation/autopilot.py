@@ -14,6 +14,7 @@ import numpy.typing as npt
 from aircraft_sysid_ros.aircraft.atmosphere import STANDARD_GRAVITY
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
 from aircraft_sysid_ros.aircraft.frames import euler_from_quaternion
+from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.kernels import njit
 from aircraft_sysid_ros.simulation.dynamics import ATTITUDE, DEFLECTION_LIMIT, POSITION, VELOCITY
 from aircraft_sysid_ros.simulation.manoeuvres import Excitation
@@ -56,7 +57,17 @@ def roll_rate_per_aileron(aircraft: Aircraft, trim: Trim, slopes: Derivatives) -
 
 
 def autopilot_for(aircraft: Aircraft, trim: Trim, slopes: Derivatives) -> Autopilot:
-    """Gains for the bandwidths above."""
+    """Gains for the bandwidths above; InputError where a control that it needs moves nothing, or nothing resists."""
+    needed = {
+        "CX_Tc": slopes.thrust_rate, "CZ_alpha": slopes.lift_rate, "Cm_de": slopes.pitch_control,
+        "Cl_p": slopes.roll_damping, "Cl_da": slopes.roll_control,
+    }  # fmt: skip
+    lacking = [name for name, slope in needed.items() if slope == 0.0]
+    if lacking:
+        raise InputError(
+            f"aircraft '{aircraft.name}' cannot be simulated: its autopilot flies by elevator, ailerons and throttle, "
+            f"and {' and '.join(lacking)} {'is' if len(lacking) == 1 else 'are'} 0"
+        )
     return Autopilot(
         trim.controls,
         trim.alpha,
@@ -78,7 +89,7 @@ def excitation_for(aircraft: Aircraft, qbar: float, trim: Trim, slopes: Derivati
     elevator = ALPHA_CHANGE * -pitch_force / slopes.pitch_control
     half_dutch_roll = float(np.clip(np.pi / dutch_roll, 0.3, 1.5))
     aileron = min(ROLL_RATE, BANK_CHANGE / half_dutch_roll) / roll_rate_per_aileron(aircraft, trim, slopes)
-    rudder = SIDESLIP * slopes.yaw_stiffness / slopes.yaw_control
+    rudder = SIDESLIP * slopes.yaw_stiffness / slopes.yaw_control if slopes.yaw_control else 0.0
     return Excitation(
         elevator=_at_most(elevator, 0.5 * DEFLECTION_LIMIT),
         aileron=_at_most(aileron, 0.5 * DEFLECTION_LIMIT),

@@ -3,6 +3,8 @@
 import numpy as np
 import pytest
 
+from aircraft_sysid_ros.aircraft.configuration import aircraft_from_dict
+from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.simulation.flight import prepare
 from aircraft_sysid_ros.simulation.manoeuvres import (
     THROTTLE,
@@ -143,3 +145,24 @@ def test_every_parameter_can_be_told_from_the_others(aircraft, flight):
         names = aircraft.model.parameter_names[aircraft.model.axis_slice(axis)]
         values = np.abs([aircraft.coefficients[name] for name in names])
         assert np.all(deviation < 0.12 * values), dict(zip(names, deviation / values, strict=True))
+
+
+def without(aircraft, *signals):
+    """The aeroplane, made symmetric, without terms of some signals."""
+    terms = {axis: [t for t in texts if t not in signals] for axis, texts in aircraft.model.terms.items()}
+    sideways = dict.fromkeys(("CY_0", "Cl_0", "Cn_0"), 0.0)
+    return aircraft_from_dict(
+        {**aircraft.source, "model": terms, "coefficients": {**aircraft.coefficients, **sideways}}
+    )
+
+
+@pytest.mark.parametrize("signal", ["da", "p"])
+def test_an_aeroplane_that_the_autopilot_cannot_bank_is_refused(aircraft, signal):
+    with pytest.raises(InputError, match=f"cannot be simulated.*Cl_{signal}"):
+        prepare(without(aircraft, signal))
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("signals", [("dr",), ("dr", "beta")])
+def test_a_flying_wing_without_a_rudder_has_none_that_moves(aircraft, signals):
+    assert prepare(without(aircraft, *signals)).excitation.rudder == 0.0
