@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import time
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -71,6 +72,8 @@ OPTIONS = {
 #: costs nearly the same for one sample as for ten. The numbers do not depend on it.
 TOGETHER = 0.02
 _MOST_TOGETHER = 100
+#: Time [s] without the IMU after which it is said to be silent.
+SILENT = 5.0
 
 
 class StateEstimatorNode(EstimatorNode):
@@ -86,6 +89,7 @@ class StateEstimatorNode(EstimatorNode):
         self._waiting: list[Samples] = []
         self._rates = SampleRates()
         self._pushed_until = 0  # newest IMU stamp [ns] at the last push
+        self._imu_came = 0.0  # [s] the newest sample of the IMU, or the activation
 
     def make_estimator(self, aircraft: Aircraft, values: Mapping[str, Any]) -> StateEstimator:
         """The filter, compiled."""
@@ -122,8 +126,15 @@ class StateEstimatorNode(EstimatorNode):
             self._transforms = self.publisher(common.message_class(TRANSFORMS), "/tf", 100)
         self.service(Reset, "~/reset", self._on_reset)
 
+    def activate(self) -> None:
+        """Listen."""
+        self._imu_came = time.monotonic()
+        super().activate()
+
     def take(self, topic: str, message: Any) -> None:
         """One sensor message: convert and, when it is time, push and publish the states that are complete."""
+        if topic == IMU_TOPIC:
+            self._imu_came = time.monotonic()
         samples = to_samples(topic, *message_fields(topic, message), self.estimator.aircraft.inputs)
         if self.correction is not None:
             samples = [left for part in samples if len(left := self.correction.apply(part))]
@@ -173,11 +184,13 @@ class StateEstimatorNode(EstimatorNode):
         return "; ".join(filter(None, words)), values
 
     def _silence_in_words(self) -> str:
-        """That the IMU, without which there is no state, has never come; empty: it has."""
+        """That the IMU, without which there is no state, has never come, or comes no more; empty: it comes."""
         silent = next((heard for heard in self.inputs if heard.topic == IMU_TOPIC), None)
-        if silent is None or self.received[IMU_TOPIC]:
+        if silent is None:
             return ""
-        topic = silent.subscription.topic_name
+        topic, silence = silent.subscription.topic_name, time.monotonic() - self._imu_came
+        if self.received[IMU_TOPIC]:
+            return f"no IMU for {silence:.0f} s on {topic}, and no state without it" if silence > SILENT else ""
         words = f"no IMU has come on {topic}"
         if self.count_publishers(topic):
             return words

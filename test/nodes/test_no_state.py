@@ -11,6 +11,7 @@ from rclpy.lifecycle import TransitionCallbackReturn
 from sensor_msgs.msg import Imu, NavSatFix, NavSatStatus
 from waiting import LONGEST
 
+from aircraft_sysid_ros.nodes import state_estimator
 from aircraft_sysid_ros.nodes.state_estimator import StateEstimatorNode
 from aircraft_sysid_ros.ros_messages.conversion import NO_FIX
 
@@ -52,6 +53,27 @@ def test_diagnostics_say_that_nobody_publishes_the_imu_and_how_often_the_others_
     assert "no IMU has come on /imu/data, which nobody publishes: check its name and the remaps" in words
     assert found["gps_position.largest_gap"] == "0.5" and 1.0 < float(found["gps_position.rate"]) < 20.0
     assert "imu.rate" not in found
+
+
+def test_diagnostics_say_that_the_imu_has_fallen_silent(bench, monkeypatch):
+    """The link is lost in flight: what the last state rested on was said for as long as nothing came, as if it did."""
+    monkeypatch.setattr(state_estimator, "SILENT", 0.5)
+    diagnostics = bench.listen(DiagnosticArray, "/diagnostics")
+    node = bench.node(StateEstimatorNode)
+    assert node.trigger_configure() == node.trigger_activate() == TransitionCallbackReturn.SUCCESS
+    imu = bench.publisher(Imu, "imu/data")
+
+    def say():
+        message = Imu()
+        message.header.stamp = bench.helper.get_clock().now().to_msg()
+        imu.publish(message)
+
+    def told():
+        return [status.message for message in diagnostics for status in message.status]
+
+    bench.say_until(say, lambda: told() and node.received["imu/data"] > 3)
+    assert not any("no IMU for" in words for words in told())
+    bench.spin_until(lambda: any("no IMU for" in words for words in told()))
 
 
 @pytest.mark.long
