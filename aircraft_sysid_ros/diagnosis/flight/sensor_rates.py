@@ -16,7 +16,10 @@ _SENSORS = {
     Kind.IMU: ("accelerometer", "gyro"),
     Kind.GPS_POSITION: ("gps_position",),
     Kind.GPS_VELOCITY: ("gps_velocity",),
-    Kind.AIRSPEED: ("airspeed", "angle_of_attack", "sideslip", "static_pressure"),
+    Kind.AIRSPEED: ("airspeed", "angle_of_attack", "sideslip", "static_pressure"),  # and each its own, where it comes
+    Kind.ANGLE_OF_ATTACK: ("angle_of_attack",),
+    Kind.SIDESLIP: ("sideslip",),
+    Kind.AIR: ("static_pressure",),
     Kind.CONTROLS: ("control_surfaces",),
     Kind.ATTITUDE: ("attitude",),
     Kind.MAGNETIC_FIELD: ("magnetometer",),

@@ -12,7 +12,7 @@ The reconstructed wind is smoother than the true one; gusts as fast as the recon
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -42,6 +42,14 @@ Array = npt.NDArray[np.float64]
 #: the rate of the states they are not known at all (half of it is the Nyquist frequency).
 MOTION_BAND, KNOWN_SHARE = 8.0, 0.4
 RATE = 100.0  # [Hz] of the world
+#: Kinds of samples that come in one message, with the sensor of each; messages come at the rate of the first sensor.
+_IN_ONE_MESSAGE = (
+    {
+        Kind.AIRSPEED: "airspeed", Kind.ANGLE_OF_ATTACK: "angle_of_attack", Kind.SIDESLIP: "sideslip",
+        Kind.AIR: "static_pressure",
+    },
+    {Kind.IMU: "accelerometer", Kind.ATTITUDE: "attitude"},
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -66,10 +74,27 @@ class FlightConditions:
             magnetometer=int(Kind.MAGNETIC_FIELD) in present,
             height_above_ground=int(Kind.HEIGHT) in present,
         )
-        streams, _ = measure(self.sensing, self.truth, seed, options)
+        streams, _ = measure(self._with_fast_messages(), self.truth, seed, options)
         samples = arrived(streams, self.sensing.inputs)
-        samples = samples[np.isin(samples.kind, self.kinds)]
+        samples = self._at_their_rates(samples[np.isin(samples.kind, self.kinds)])
         return samples if len(self.spans) == 1 else self._in_manoeuvres(samples)
+
+    def _with_fast_messages(self) -> Aircraft:
+        """The sensing aircraft with messages of air data as often as the fastest of them comes."""
+        names = [name for kind, name in _IN_ONE_MESSAGE[0].items() if int(kind) in self.kinds]
+        sensors = dict(self.sensing.sensors)
+        rate = max((sensors[name].rate for name in names), default=sensors["airspeed"].rate)
+        return replace(self.sensing, sensors={**sensors, "airspeed": replace(sensors["airspeed"], rate=rate)})
+
+    def _at_their_rates(self, samples: Samples) -> Samples:
+        """Samples without those that slower sensors do not send with each message."""
+        keep, message = np.ones(len(samples), np.bool_), self._with_fast_messages()
+        for together in _IN_ONE_MESSAGE:
+            fastest = message.sensors[next(iter(together.values()))].rate
+            for kind, name in together.items():
+                at = np.flatnonzero(samples.kind == kind)
+                keep[at] = np.arange(len(at)) % max(round(fastest / self.sensing.sensors[name].rate), 1) == 0
+        return samples[keep]
 
     def _in_manoeuvres(self, samples: Samples) -> Samples:
         """Samples of the manoeuvres, without what sensors with a delay show of the pauses; a seam before each."""
