@@ -2,8 +2,8 @@
 
     ros2 launch aircraft_sysid_ros mavros.launch.py aircraft_file:=/path/to/aircraft.yaml mavros:=/mavros
 
-IMU and GPS are topics of MAVROS, remapped. Air data and deflections are not: MAVROS has no message for them, so a
-bridge hears the same MAVLink on the port that MAVROS forwards to, its parameter gcs_url, such as
+IMU and GPS are topics of MAVROS, remapped. Air data, deflections and named inputs are not: MAVROS has no message for
+them, so a bridge hears the same MAVLink on the port that MAVROS forwards to, its parameter gcs_url, such as
 gcs_url:=udp://@127.0.0.1:14555.
 """
 
@@ -23,7 +23,7 @@ REMAPPED = {
     "gps/fix": "global_position/raw/fix",
     "gps/vel": "local_position/velocity_local",
 }
-BRIDGED = ["air_data", "control_surfaces"]
+BRIDGED = ["air_data", "control_surfaces", "inputs"]
 #: Arguments: default and description. Those that are parameters go before params_file where they are not empty.
 ARGUMENTS = {
     "params_file": ("", "parameters (YAML): config/params.yaml"),
