@@ -122,6 +122,8 @@ class Page(Frame):
         if not self.facts.content:
             self.facts.show(self._facts_text())
         if session.view is not self._view or session.record is not self._record:
+            if self._view is not None and not self._view.is_of_flight(self.view.signature):
+                self.look.window, self.look.marks = None, []  # in the flight that was there before
             self._view, self._record = session.view, session.record
             self.facts.show(self._facts_text())
             if self.look.beside not in self.view.comparisons:

@@ -89,6 +89,10 @@ class RunView:
         """The flight under the current version."""
         return self.comparison.flight
 
+    def is_of_flight(self, signature: tuple[int, ...]) -> bool:
+        """Whether the files of the flight are those of another signature: else the run was written anew."""
+        return self.signature[:_OF_FLIGHT] == signature[:_OF_FLIGHT]
+
     @property
     def duration(self) -> float:
         """Flight [s] that is compared."""
@@ -142,7 +146,7 @@ def load_run_view(
     signature = signature_of(path)
     run = open_run(path)
     versions, notes = versions_of(run)
-    if last is not None and last.signature[:_OF_FLIGHT] != signature[:_OF_FLIGHT]:
+    if last is not None and not last.is_of_flight(signature):
         last = None
     is_newest = last is not None and last.signature[_AT_DIAGNOSIS] == signature[_AT_DIAGNOSIS]
     unwritten = last.unwritten if last is not None and is_newest else None

@@ -58,23 +58,17 @@ class WherePanel(SidePanel):
 
     def build(self) -> None:
         """Make list and map."""
-        comparison = self.page.view.comparison
-        signals = places.moving_signals(comparison.flight)
-        self._choice = {
-            "axis": places.first_axis(comparison),
-            "x": _first(signals, "alpha"),
-            "y": _first(signals, "beta"),
-        }
+        self._choice = {"axis": "", "x": "alpha", "y": "beta"}
         ui.label("Where it fails, worst first").classes("heading")
         self._list = ui.element("div").classes("list").props("data-testid=places")
         ui.label("Residual by two signals").classes("heading").style("margin-top:12px")
         ui.label("Press a cell to see in the time plots when it was flown.").classes("soft small")
-        options = {name: quantity_of(name).words for name in signals}
-        axes = {name: AXIS_WORDS[name] for name in AXES if name in comparison.axes}
         with ui.element("div").classes("pickers"):
-            for key, label, choices in (("axis", "axis", axes), ("x", "across", options), ("y", "upwards", options)):
-                picker = ui.select(choices, value=self._choice[key], label=label, on_change=self._choose(key))
-                picker.props("dense options-dense outlined")
+            self._pickers = {
+                key: ui.select([], label=label, on_change=self._choose(key)).props("dense options-dense outlined")
+                for key, label in (("axis", "axis"), ("x", "across"), ("y", "upwards"))
+            }
+        self._offer()
         self._map = plot(self._figure(), "map of the residual on two signals").props("data-testid=map")
         self._map.on("plotly_click", self._cell, args=["points"])
         self._fill()
@@ -82,12 +76,26 @@ class WherePanel(SidePanel):
     def update(self) -> None:
         """After a change of the run or the theme."""
         self._fill()
+        self._offer()
         self._map.update_figure(self._figure())
+
+    def _offer(self) -> None:
+        """Axes and signals that there are: another version, or another flight in the same folder, may have others."""
+        comparison = self.page.view.comparison
+        signals = {name: quantity_of(name).words for name in places.moving_signals(comparison.flight)}
+        axes = {name: AXIS_WORDS[name] for name in AXES if name in comparison.axes}
+        first = {"axis": places.first_axis(comparison), "x": next(iter(signals)), "y": next(iter(signals))}
+        for key, options in (("axis", axes), ("x", signals), ("y", signals)):
+            if self._choice[key] not in options:
+                self._choice[key] = first[key]
+        for key, options in (("axis", axes), ("x", signals), ("y", signals)):  # all are known: each may draw the map
+            self._pickers[key].set_options(options, value=self._choice[key])
 
     def _choose(self, key: str) -> Any:
         def chosen(event: events.ValueChangeEventArguments[Any]) -> None:
-            self._choice[key] = event.value
-            self._map.update_figure(self._figure())
+            if event.value and event.value != self._choice[key]:
+                self._choice[key] = event.value
+                self._map.update_figure(self._figure())
 
         return chosen
 
@@ -328,7 +336,3 @@ def _grouped(kinds: Sequence[str]) -> str:
         {{{{ ({heads})[props.opt.value] }}}}</q-item-label>
       <q-item v-bind="props.itemProps"><q-item-section>
         <q-item-label>{{{{ props.opt.label }}}}</q-item-label></q-item-section></q-item>"""
-
-
-def _first(signals: list[str], wanted: str) -> str:
-    return wanted if wanted in signals else signals[0]
