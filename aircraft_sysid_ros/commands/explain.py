@@ -87,17 +87,28 @@ def _aircraft(args: argparse.Namespace) -> str | Aircraft:
             "which aeroplane is it? Give --aircraft FILE, or its mass and shape: "
             + " ".join(f"{_flag(key)} {'Ixx,Iyy,Izz' if key == 'inertia' else 'X'}" for key in lacking)
         )
+    content = {key: _value(key, text) for key, text in given.items()}
     for key in lacking:
-        given[key] = _asked(key)
-    content = {key: _inertia(text) if key == "inertia" else _number(key, text) for key, text in given.items()}
+        content[key] = _asked(key)
     return aircraft_from_dict({"name": Path(args.log).stem, **content})
 
 
-def _asked(key: str) -> str:
-    """One number, on the terminal; standard output stays for the answer."""
+def _asked(key: str) -> float | dict[str, float]:
+    """One number, on the terminal, again until it is one; standard output stays for the answer."""
     unit, words = _SHAPE[key]
-    print(f"{words} [{unit}]: ", end="", file=sys.stderr, flush=True)
-    return sys.stdin.readline().strip()
+    while True:
+        print(f"{words} [{unit}]: ", end="", file=sys.stderr, flush=True)
+        text = sys.stdin.readline()
+        try:
+            return _value(key, text.strip())
+        except InputError as error:
+            if not text:  # the terminal was closed, or Ctrl-D
+                raise
+            print(error, file=sys.stderr)
+
+
+def _value(key: str, text: str) -> float | dict[str, float]:
+    return _inertia(text) if key == "inertia" else _number(key, text)
 
 
 def _number(key: str, text: str) -> float:
