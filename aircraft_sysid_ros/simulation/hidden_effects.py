@@ -20,7 +20,7 @@ from aircraft_sysid_ros.effects import effect_of
 from aircraft_sysid_ros.effects.effect import with_setting
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.sensors.sensor_models import generator
-from aircraft_sysid_ros.simulation.dynamics import Effect
+from aircraft_sysid_ros.simulation.dynamics import Effect, trim_airspeed_of
 from aircraft_sysid_ros.simulation.effect_recipes import RECIPES, STEP, Recipe
 
 Array = npt.NDArray[np.float64]
@@ -128,9 +128,10 @@ def hidden_effect(
 ) -> Hidden:
     """An effect of the library in a flight of ``duration`` [s], drawn from a seed.
 
-    ``coefficients`` of the 32 textbook terms: values of recipes are shares of them. ``trim``: angle of attack and
-    elevator [rad] in cruise. InputError for an id that is not
-    in the library, and for a strength that is not from 0 to STRONGEST.
+    ``coefficients`` by name: values of recipes are shares of them, and of one that is not there there is no share.
+    ``trim``: angle of attack and elevator [rad] in cruise. InputError for an id that is not in the library, for one of
+    which nothing is left without the coefficients that are not there, and for a strength that is not from 0 to
+    STRONGEST.
     """
     effect_of(identifier)  # says what there is
     if identifier not in SIMULATED:
@@ -142,19 +143,24 @@ def hidden_effect(
     if identifier in _OTHER:
         return _OTHER[identifier](_Draw(identifier, strength, t0, float(rng.choice([-1.0, 1.0])), rng, aircraft))
     recipe = RECIPES[identifier]
-    variant = str(rng.choice(list(recipe.variants)))
-    inner = {name: round(float(rng.uniform(*limits)), 4) for name, limits in recipe.inner.items()}
-    numbers = {
-        **inner, "t0": t0, "span": aircraft.span, "qbar": 0.6 * (aircraft.trim_airspeed or 20.0) ** 2,
-        "trim_alpha": trim[0], "trim_de": trim[1],
-    }  # fmt: skip
     spin = 6e-5 * aircraft.mass * aircraft.span**2  # [kg m^2] of a usual propeller
     sizes = {**coefficients, "propeller": spin / (aircraft.span * aircraft.wing_area * aircraft.chord), "": 1.0}
+    variants = {name: [t for t in terms if t.coefficient in sizes] for name, terms in recipe.variants.items()}
+    possible = [name for name, terms in variants.items() if terms]
+    if not possible:
+        changed = dict.fromkeys(term.coefficient for terms in recipe.variants.values() for term in terms)
+        raise InputError(f"{identifier} changes {' '.join(changed)}, of which the aircraft file has none")
+    variant = str(rng.choice(possible))
+    inner = {name: round(float(rng.uniform(*limits)), 4) for name, limits in recipe.inner.items()}
+    numbers = {
+        **inner, "t0": t0, "span": aircraft.span, "qbar": 0.6 * trim_airspeed_of(aircraft) ** 2,
+        "trim_alpha": trim[0], "trim_de": trim[1],
+    }  # fmt: skip
     terms = []
-    for term in recipe.variants[variant]:
+    for term in variants[variant]:
         text = term.expression.format(**{k: f"({v:.6g})" for k, v in numbers.items()})
         terms.append(Effect(term.axis, text, strength * term.factor * sizes[term.coefficient]))
-    if any("{t0}" in term.expression for term in recipe.variants[variant]):
+    if any("{t0}" in term.expression for term in variants[variant]):
         inner["t0"] = t0
     return Hidden(identifier, variant, strength, inner, tuple(terms))
 
@@ -242,7 +248,7 @@ def _offset(d: _Draw) -> Hidden:
 
 
 def _wind_change(d: _Draw) -> Hidden:
-    size, direction = 0.3 * d.strength * (d.aircraft.trim_airspeed or 20.0), d.rng.uniform(0.0, 2.0 * np.pi)
+    size, direction = 0.3 * d.strength * trim_airspeed_of(d.aircraft), d.rng.uniform(0.0, 2.0 * np.pi)
     gust = (float(size * np.cos(direction)), float(size * np.sin(direction)))
     walk = float(size / np.sqrt(_GUST_RISE))
     setting = (("process_noise", "wind"), walk)

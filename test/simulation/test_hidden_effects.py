@@ -12,6 +12,7 @@ from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.reconstruction.state import StateField
 from aircraft_sysid_ros.reconstruction.state_estimator import StateEstimator
 from aircraft_sysid_ros.sensors.sensor_models import SensorOptions, first_order_lag, measure
+from aircraft_sysid_ros.simulation.dynamics import trim_airspeed_of
 from aircraft_sysid_ros.simulation.hidden_effects import RECIPES, SIMULATED, hidden_effect, plans_of
 from aircraft_sysid_ros.simulation.jsbsim_flight import signals_of
 from aircraft_sysid_ros.simulation.simulated_flight import hidden_flight
@@ -227,3 +228,28 @@ def test_effects_on_the_command_line():
     assert parse_hidden("CZ: alpha**3 = -5") is None
     with pytest.raises(InputError, match="strength 'much'"):
         parse_hidden("stall:much")
+
+
+def test_an_aeroplane_without_a_rudder_hides_what_it_can(aircraft):
+    """Of a slipstream and of a damage there is what its other surfaces do; a fin that it has not is not damaged."""
+    without = {name: value for name, value in aircraft.coefficients.items() if not name.endswith("_dr")}
+    for seed in range(10):
+        for name in ("propwash", "control_damage", "stuck_control"):
+            terms = hidden_effect(name, 1.0, seed, 100.0, aircraft, without).terms
+            assert terms
+            assert not any("dr" in term.expression for term in terms)
+
+
+def test_an_effect_of_derivatives_that_an_aeroplane_has_not_is_refused(aircraft):
+    known = {name: value for name, value in aircraft.coefficients.items() if name[3:] not in ("de", "da", "dr")}
+    with pytest.raises(InputError, match=r"control_damage.*Cm_de"):
+        hidden_effect("control_damage", 1.0, 0, 100.0, aircraft, known)
+
+
+@pytest.mark.parametrize("name", ["tow_line", "aeroelasticity", "wind_change"])
+def test_what_is_a_share_of_the_flight_is_one_of_the_airspeed_that_is_flown(aircraft, name):
+    """An aeroplane of ten times the mass whose file leaves the airspeed to the lift coefficient."""
+    heavy = replace(aircraft, mass=10.0 * aircraft.mass, trim_airspeed=None)
+    said = replace(heavy, trim_airspeed=trim_airspeed_of(heavy))
+    left, given = (hidden_effect(name, 1.0, 2, 100.0, one, aircraft.coefficients) for one in (heavy, said))
+    assert left == given
