@@ -71,8 +71,23 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         "file": str(out),
         "lost": dict(exported.lost),
         "not_held": list(exported.not_held),
-        "notes": [*notes_on(opened, learnt), *_travel_notes(learnt, full, target), *exported.notes],
+        "notes": [
+            *notes_on(opened, learnt),
+            *_late_notes(opened, learnt),
+            *_travel_notes(learnt, full, target),
+            *exported.notes,
+        ],
     }
+
+
+def _late_notes(opened: Run, learnt: LearntModel) -> list[str]:
+    """That surfaces follow what moves them later than the other program has it."""
+    if not (late := late_of(opened, learnt)):
+        return []
+    return [
+        f"{late}: the coefficients are for the true surface positions, and the file does not hold this delay; "
+        "give the servos of the other program the same"
+    ]
 
 
 def _travel_notes(learnt: LearntModel, full: npt.NDArray[np.float64] | None, target: Target) -> list[str]:
@@ -112,11 +127,6 @@ def notes_on(opened: Run, learnt: LearntModel) -> list[str]:
         notes.append(f"not to be used by the run's own judgement, and exported all the same: {' '.join(doubtful)}")
     if unknown:
         notes.append(f"not known, so without their terms: {' '.join(unknown)}")
-    if late := late_of(opened, learnt):
-        notes.append(
-            f"{late}: the coefficients are for the true surface positions, and the file does not hold this delay; "
-            "give the servos of the other program the same"
-        )
     if settings_of(learnt.aircraft) != settings_of(opened.root):
         notes.append("ranges are those of the run as it was replayed, before the settings of this version")
     return notes

@@ -18,6 +18,7 @@ from aircraft_sysid_ros.commands.export import (
     checked_out,
     chosen_model,
     full_deflection,
+    late_of,
     notes_on,
     write,
 )
@@ -41,10 +42,11 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
     endings = ", ".join(f"{suffix} for {name}" for name, suffix in SUFFIXES.items())
     parser.add_argument("--out", metavar="FILE", help=f"parameter file to write: {endings}")
     for field in fields(Actuator):
-        of_file = "lag of control_surfaces in the aircraft file, or " if field.name == "lag" else ""
+        of_flight = f"the {field.name} of the surfaces that the flight shows or the aircraft file says, "
+        usual = f"{'or' if field.name == 'lag' else 'at least'} {field.default}"
         parser.add_argument(
             f"--actuator-{field.name}", type=float, metavar="S",
-            help=f"{field.name} from command to surface [s] (default: {of_file}{field.default})",
+            help=f"{field.name} from command to surface [s] (default: {of_flight}{usual})",
         )  # fmt: skip
     add_model_options(parser)
     return parser
@@ -69,6 +71,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     found = gains(learnt, args.to, full, replace(actuator, **asked))
     if out is not None:
         write(out, found.content, args.overwrite)
+    made_for = "the loops are made for that, where --actuator-lag and --actuator-delay do not say otherwise"
+    servos = [f"{late_of(opened, learnt)}: {made_for}"] if actuator != Actuator() else []
     loops = {
         loop.axis: {
             "gain_margin_db": 20.0 * float(np.log10(loop.gain_margin)),
@@ -84,7 +88,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         "gains": [{"name": e.name, "value": e.value, "std": e.std, "what": e.what} for e in found.entries],
         "loops": loops,
         "file": None if out is None else str(out),
-        "notes": [*notes_on(opened, learnt), *found.notes],
+        "notes": [*notes_on(opened, learnt), *servos, *found.notes],
     }
 
 

@@ -20,6 +20,7 @@ import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
+from aircraft_sysid_ros.aircraft.sensor_settings import CONTROLS
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.export.learnt_model import LearntModel
 from aircraft_sysid_ros.export.level_flight import (
@@ -59,9 +60,14 @@ class Actuator:
 
 
 def actuator_of(aircraft: Aircraft, found: Mapping[str, tuple[float, float]] | None = None) -> Actuator:
-    """A usual one, with the lag [s] of the servos that the flight has ``found``, or that the aircraft file says."""
-    lag = (found or {}).get("lag", (aircraft.sensors["control_surfaces"].lag, 0.0))[0]
-    return Actuator(lag) if lag > 0.0 else Actuator()
+    """A usual one, with lag and delay [s] of the servos that the flight has ``found``, or that the aircraft file says.
+
+    Both have the delay of what follows its record later as a negative number. An autopilot takes time itself: a delay
+    is no shorter than the usual one.
+    """
+    surfaces, usual = aircraft.sensors[CONTROLS], Actuator()
+    lag, delay = ((found or {}).get(key, (getattr(surfaces, key), 0.0))[0] for key in ("lag", "delay"))
+    return Actuator(lag if lag > 0.0 else usual.lag, max(usual.delay, -delay))
 
 
 @dataclass(frozen=True)
