@@ -18,9 +18,18 @@ from aircraft_sysid_ros.recordings.tabular.header import find_header
 from aircraft_sysid_ros.recordings.tabular.table import ArrayTable, Table, imported
 from aircraft_sysid_ros.recordings.tabular.units import is_unit
 
-_MOST_COMPONENTS = 64
+_MOST_COMPONENTS, _LEAST_OF_SIDPAC = 64, 30
 #: Fields of a structure that is one column: its values, and their unit.
 _VALUES, _UNITS = ("data", "value", "values"), ("units", "unit")
+#: Columns, counted from 1, of the matrix ``fdata`` of SIDPAC (Klein and Morelli, Aircraft System Identification), each
+#: with its unit.
+_SIDPAC = {
+    1: ("time", "s"), 2: ("vt", "ft/s"), 3: ("beta", "deg"), 4: ("alpha", "deg"), 5: ("p", "deg/s"), 6: ("q", "deg/s"),
+    7: ("r", "deg/s"), 8: ("phi", "deg"), 9: ("the", "deg"), 10: ("psi", "deg"), 11: ("ax", "g"), 12: ("ay", "g"),
+    13: ("az", "g"), 14: ("elevator", "deg"), 15: ("aileron", "deg"), 16: ("rudder", "deg"), 27: ("qbar", "psf"),
+    28: ("mach", "1"), 29: ("rho", "slug/ft^3"), 30: ("altitude", "ft"), 34: ("throttle", "1"), 38: ("thrust", "lbf"),
+    48: ("mass", "slug"),
+}  # fmt: skip
 _HEADER_ROWS = 60  # of a sheet, within which its data must begin
 HDF5_START = b"\x89HDF\r\n\x1a\n"
 
@@ -184,6 +193,8 @@ def _add_structure(tables: list[Table], content: Mapping[str, Any], title: str, 
             labels = _labels(content, key, value)
             if labels:
                 tables.append(ArrayTable(inner, tuple(labels), {}, arrays=tuple(value.T)))
+            elif key == "fdata" and value.ndim == 2 and value.shape[1] >= _LEAST_OF_SIDPAC:
+                tables.append(_of_sidpac(inner, value))
             else:
                 columns.update(_components(key, value))
     if columns:
@@ -238,6 +249,15 @@ def _labels(content: Mapping[str, Any], key: str, value: npt.NDArray[Any]) -> li
         if value.ndim == 2 and labels.dtype.kind in "UO" and len(labels) == value.shape[1]:
             return [str(label).strip() for label in labels]
     return []
+
+
+def _of_sidpac(title: str, fdata: npt.NDArray[Any]) -> ArrayTable:
+    """The matrix (n, k) of SIDPAC without the columns that hold nothing, which are zero there."""
+    columns = {i: fdata[:, i - 1] for i in range(1, fdata.shape[1] + 1) if fdata[:, i - 1].any()}
+    names = {i: _SIDPAC.get(i, (f"fdata(:,{i})", ""))[0] for i in columns}
+    units = {names[i]: _SIDPAC[i][1] for i in columns if i in _SIDPAC}
+    note = f"the columns of {title} are named as SIDPAC has them"
+    return ArrayTable(title, tuple(names.values()), units, note, arrays=tuple(columns.values()))
 
 
 def excel_tables(path: Path, name: str) -> tuple[str, list[Table]]:

@@ -13,7 +13,7 @@ from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.recordings.autopilot_log import NO_DATE, gps_nanoseconds
 from aircraft_sysid_ros.recordings.tabular.column_map import GPS, HHMMSS, TEXT_TIMES, UTC, ColumnMap, TimeBase
 from aircraft_sysid_ros.recordings.tabular.table import imported, numbers
-from aircraft_sysid_ros.recordings.tabular.units import conversion
+from aircraft_sysid_ros.recordings.tabular.units import conversion, dimension_fits
 from aircraft_sysid_ros.stamps import NANOSECONDS
 
 Stamps = npt.NDArray[np.int64]
@@ -21,6 +21,7 @@ Stamps = npt.NDArray[np.int64]
 NO_TIME = np.iinfo(np.int64).min
 _IRIG = re.compile(r"\s*(\d{1,3}):(\d{1,2}):(\d{2}):(\d{2}(?:\.\d*)?)\s*")
 _TIME_OF_DAY = re.compile(r"\s*(\d{1,2}):(\d{2}):(\d{2}(?:[.,]\d*)?)\s*")
+_SPAN = re.compile(r"\s*([-+]?\d[\d.eE+-]*)\s*([a-zA-Zµ]+)\s*")
 _DAY = 86_400
 #: A clock of a day that goes back has passed midnight if it then is no later [s] than this after where it was.
 _PAUSE_AT_MIDNIGHT = 600
@@ -68,6 +69,20 @@ def start_note(colmap: ColumnMap) -> list[str]:
     return []
 
 
+def spans(values: npt.NDArray[Any]) -> tuple[npt.NDArray[np.float64], str] | None:
+    """Times (n,) that are written with their unit, as MATLAB has ``0.02 sec``, and that unit; None for all others."""
+    texts = [str(value) if value is not None and value == value else "" for value in values.tolist()]
+    found = [_SPAN.fullmatch(text) for text in texts]
+    units = {match.group(2) for match in found if match is not None}
+    if len(units) != 1 or any(match is None and text.strip() for match, text in zip(found, texts, strict=True)):
+        return None
+    unit = units.pop()
+    if not dimension_fits(unit, "s"):
+        return None
+    ticks, bad = numbers(np.array([match.group(1) if match is not None else None for match in found], dtype=object))
+    return None if bad else (ticks, unit)
+
+
 def _ticks(values: npt.NDArray[Any], base: TimeBase, where: str) -> tuple[Stamps, npt.NDArray[np.bool_]]:
     """Times [ns] (n,) since time 0, whole numbers exactly, and where there is none."""
     factor = conversion(base.unit, "s").factor * NANOSECONDS
@@ -76,6 +91,8 @@ def _ticks(values: npt.NDArray[Any], base: TimeBase, where: str) -> tuple[Stamps
         exact = values.astype(np.int64)
         if exact.size and np.abs(exact).max() < 9e18 / factor:
             return exact * round(factor) + offset, np.zeros(len(values), dtype=bool)
+    if values.dtype.kind in "OUT" and (written := spans(values)) is not None:
+        values = written[0] * conversion(written[1], "s").factor / conversion(base.unit, "s").factor
     found, bad = numbers(values)
     if bad:
         example = next(str(value) for value, number in zip(values, found, strict=True) if np.isnan(number) and value)

@@ -26,8 +26,8 @@ from aircraft_sysid_ros.recordings.tabular.units import conversion
 
 #: Units that are tried where a header says none, by SI unit.
 CANDIDATES: dict[str, tuple[str, ...]] = {
-    "m/s^2": ("m/s^2", "g", "ft/s^2"),
-    "rad/s": ("rad/s", "deg/s"),
+    "m/s^2": ("m/s^2", "g", "ft/s^2", "mg"),
+    "rad/s": ("rad/s", "deg/s", "mrad/s"),
     "rad": ("rad", "deg"),
     "m": ("m", "ft", "km"),
     "m/s": ("m/s", "kt", "ft/s", "km/h", "cm/s"),
@@ -127,11 +127,19 @@ def _force_x_by_gravity(f: Flight) -> tuple[str, Array, Array, float] | None:
     return "gravity along the body", reference, f.smooth(f.raw("specific_force.x"), SLOW_SECONDS), 0.7
 
 
-def _track_rate(f: Flight) -> Array | None:
-    if not f.known("velocity.north", "velocity.east"):
+def track_of(f: Flight) -> Array | None:
+    """Course over ground [rad], to the east from north."""
+    if f.known("velocity.north", "velocity.east"):
+        return np.asarray(np.arctan2(f.si("velocity.east"), f.si("velocity.north")))
+    north, east = metres_along(f, 0), metres_along(f, 1)
+    if north is None or east is None:
         return None
-    track = np.arctan2(f.si("velocity.east"), f.si("velocity.north"))
-    return f.grid.rate(f.grid.unwrapped(track, 2.0 * np.pi), 2.0)
+    return np.asarray(np.arctan2(f.grid.rate(east, 2.0), f.grid.rate(north, 2.0)))
+
+
+def _track_rate(f: Flight) -> Array | None:
+    track = track_of(f)
+    return None if track is None else f.grid.rate(f.grid.unwrapped(track, 2.0 * np.pi), 2.0)
 
 
 def _yaw_by_track(f: Flight) -> tuple[str, Array, Array, float] | None:

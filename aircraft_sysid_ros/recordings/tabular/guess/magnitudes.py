@@ -65,7 +65,7 @@ def _gravity(flight: Flight) -> None:
     down = flight.columns["specific_force.z"]
     median = float(np.median(down.numbers))
     size = abs(median)
-    fitting = [unit for unit in ("m/s^2", "g", "ft/s^2") if 0.8 < size * conversion(unit, "m/s^2").factor / G < 1.45]
+    fitting = [unit for unit in CANDIDATES["m/s^2"] if 0.8 < size * conversion(unit, "m/s^2").factor / G < 1.45]
     for signal in there:
         column = flight.columns[signal]
         if not column.unit and fitting and not down.said_unit:

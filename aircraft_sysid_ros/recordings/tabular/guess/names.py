@@ -41,6 +41,7 @@ _LETTERS = str.maketrans({
 #: A receiver of GPS has a course, which is called a heading, and a speed over ground; neither is what these names say.
 _RECEIVERS, _HEADINGS = frozenset({"gps", "gnss"}), frozenset({"heading", "hdg", "head"})
 _UNIT_OF_TRACK = {"speed": "m/s", "course": "rad"}
+_WRITTEN: dict[str, str] = _VOCABULARY["written"]
 _INDEX = re.compile(r"\[(\d)\](?=$|_)")
 _FIELD_OF_ROS = re.compile(r"^field\.|^_\.|^/")
 
@@ -60,7 +61,7 @@ def guess_name(column: str, unit: str = "", table: str = "") -> NameGuess | None
     base, unit = _without_brackets(column, unit)
     words = _words(base)
     best: NameGuess | None = None
-    for tokens, said, cost in _readings(words):
+    for tokens, said, cost in [*_readings(words), *_readings_of_path(base)]:
         found = _BY_NAME.get("_".join(tokens))
         if found is None:
             continue
@@ -131,6 +132,8 @@ def _fits(unit: str, signal: str) -> bool:
 
 def _words(name: str) -> list[str]:
     """Lower-case words of a name; an element [0] [1] [2] is x y z."""
+    for written, plain in _WRITTEN.items():
+        name = name.replace(written, plain)
     name = _FIELD_OF_ROS.sub("", name)
     name = _INDEX.sub(lambda match: "_" + "xyzw"[min(int(match.group(1)), 3)], name)
     name = name.translate(_LETTERS)
@@ -162,6 +165,15 @@ def _readings(words: list[str]) -> list[tuple[list[str], str, int]]:
         if len(tokens) > 1:
             found.append((joined, unit, 1))
     return found
+
+
+def _readings_of_path(name: str) -> list[tuple[list[str], str, int]]:
+    """Readings of the last part of a path, as simulators name their properties: ``/position/latitude-deg``."""
+    parts = name.strip().strip("/").split("/")
+    is_path = len(parts) > 1 and all(len(part) > 2 for part in parts) and not is_unit(parts[-1])  # none is ax,m/s
+    if not is_path or _is_of_another(_words(name)):
+        return []
+    return [(tokens, unit, cost + 1) for tokens, unit, cost in _readings(_words(parts[-1]))]
 
 
 def _without_unit(words: list[str]) -> list[tuple[list[str], str]]:

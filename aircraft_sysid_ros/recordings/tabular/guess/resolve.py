@@ -9,15 +9,21 @@ import numpy as np
 
 from aircraft_sysid_ros.recordings.tabular.guess import laws_of_air, laws_of_several
 from aircraft_sysid_ros.recordings.tabular.guess.flight_columns import FAIR, GOOD, SURE_T, Flight
-from aircraft_sysid_ros.recordings.tabular.guess.laws_of_one import CANDIDATES, is_of_size, references, unit_of_slope
+from aircraft_sysid_ros.recordings.tabular.guess.laws_of_one import (
+    CANDIDATES,
+    is_of_size,
+    references,
+    track_of,
+    unit_of_slope,
+)
 from aircraft_sysid_ros.recordings.tabular.guess.magnitudes import ATTITUDE, RATES, SURFACES, by_values
 from aircraft_sysid_ros.recordings.tabular.guess.series import POSITIVE, SPEEDS, Column, Fit
 from aircraft_sysid_ros.recordings.tabular.units import conversion
 
-#: Axes whose sign is everywhere the same, to fall back to where no law speaks.
+#: Axes whose sign is everywhere the same, to fall back to where no law speaks: first those that then tell others.
 _CUSTOM = (
-    "specific_force.x", "attitude.roll", "angular_velocity.x", "velocity.north", "velocity.east", "velocity.down",
-    "position.north", "position.east",
+    "velocity.north", "velocity.east", "velocity.down", "position.north", "position.east", "attitude.roll",
+    "specific_force.x", "angular_velocity.x",
 )  # fmt: skip
 #: Laws of several columns, from which slopes are taken that are those of the columns' units.
 _JOINT = (
@@ -26,6 +32,7 @@ _JOINT = (
     (laws_of_several.lateral, "the kinematics of sideslip, yaw rate, bank and a_y"),
 )
 _PASSES = 6
+_CERTAIN = 0.9  # correlation of a law that is right about a unit
 _SIZE = 0.7  # logarithm of what a slope may be off where a sign is taken from it
 
 
@@ -42,26 +49,31 @@ def _resolved(columns: dict[str, Column]) -> Flight:
         _take_said(column)
     flight = Flight(columns, turns)
     by_values(flight)
-    for stage in range(3):
-        for _ in range(_PASSES):
-            before = sum(column.is_known for column in columns.values())
-            _by_laws(flight)
-            _speeds(flight)
-            _joint_laws(flight)
-            _climb_of_pitch(flight)
-            if sum(column.is_known for column in columns.values()) == before:
-                break
-        if stage == 0:
-            _speed_and_pressure(flight)
-            _likely_units(flight)
-        elif stage == 1:
-            _customs(flight)
+    _by_all_laws(flight)
+    _speed_and_pressure(flight)
+    _likely_units(flight)
+    _by_all_laws(flight)
+    while _take_custom(flight):
+        _by_all_laws(flight)
     _check_signs(flight)
     _controls(flight)
     _air(flight)
     _check_said(flight)
     _explain_open(flight)
     return flight
+
+
+def _by_all_laws(flight: Flight) -> None:
+    """Law after law, until no column is told by them any more."""
+    for _ in range(_PASSES):
+        before = sum(column.is_known for column in flight.columns.values())
+        _by_laws(flight)
+        _yaw_offset(flight)
+        _speeds(flight)
+        _joint_laws(flight)
+        _climb_of_pitch(flight)
+        if sum(column.is_known for column in flight.columns.values()) == before:
+            break
 
 
 def _turns(columns: dict[str, Column]) -> dict[str, float]:
@@ -93,13 +105,23 @@ def _by_laws(flight: Flight) -> None:
             if not column.unit:
                 column.take_unit(unit_of_slope(found.slope, found.correlation, signal, tolerance), told)
             if column.unit and np.isfinite(tolerance) and not is_of_size(found.slope, column, tolerance + 0.5):
+                _other_unit(column, found, tolerance, told)
                 continue
             column.take_sign(found.sign, told)
             column.sure = column.sure and abs(found.correlation) > GOOD
-            if signal == "attitude.yaw" and column.is_known:
-                _yaw_offset(flight, column)
             if column.is_known:
                 break
+
+
+def _other_unit(column: Column, found: Fit, tolerance: float, told: str) -> None:
+    """The unit that a law gives a column for sure, in place of one that was only likely by its numbers."""
+    if column.said_unit or abs(found.correlation) < _CERTAIN:
+        return
+    unit = unit_of_slope(found.slope, found.correlation, column.signal, tolerance)
+    if unit:
+        column.unit, column.evidence = "", []
+        column.take_unit(unit, told)
+        column.take_sign(found.sign, told)
 
 
 def _followed(flight: Flight, signal: str) -> Iterator[tuple[str, Fit, float]]:
@@ -111,16 +133,17 @@ def _followed(flight: Flight, signal: str) -> Iterator[tuple[str, Fit, float]]:
             yield law, found, tolerance
 
 
-def _yaw_offset(flight: Flight, column: Column) -> None:
+def _yaw_offset(flight: Flight) -> None:
     """A heading that is counted from the east, to the left."""
-    if not flight.known("velocity.north", "velocity.east"):
+    track = track_of(flight)
+    if track is None or not flight.known("attitude.yaw"):
         return
-    track = np.arctan2(flight.si("velocity.east"), flight.si("velocity.north"))
+    column = flight.columns["attitude.yaw"]
     differences = np.exp(1j * (track - column.si(flight.raw("attitude.yaw"))))
     mean = np.nanmean(np.where(flight.flying(), differences, np.nan))
     quarter = round(float(np.angle(mean)) / (0.5 * np.pi))
     if quarter and abs(mean) > 0.5:
-        column.offset = quarter * column.sign * 0.5 * np.pi / column.factor
+        column.offset += quarter * column.sign * 0.5 * np.pi / column.factor
         column.evidence.append(f"counted from another direction: the course over ground is {90 * quarter} deg off")
 
 
@@ -250,17 +273,20 @@ def _likely_units(flight: Flight) -> None:
                 flight.columns[s].sure = False
 
 
-def _customs(flight: Flight) -> None:
-    """What is everywhere counted the same way, where nothing says otherwise."""
-    for signal, column in flight.columns.items():
-        if column.doubt or column.sign or not column.unit:
+def _take_custom(flight: Flight) -> bool:
+    """What is everywhere counted the same way, for one column of which nothing says otherwise; False where none is."""
+    for signal in (*_CUSTOM, "flaps"):
+        column = flight.columns.get(signal)
+        if column is None or column.doubt or column.sign or not column.unit:
             continue
-        if signal in _CUSTOM:
+        if signal == "flaps":
+            values = column.numbers
+            column.take_sign(-1.0 if np.mean(values) < -0.01 * (np.ptp(values) + 1e-9) else 1.0, "flaps go down")
+        else:
             column.take_sign(column.custom, "by convention: nothing in the data shows it")
             column.sure = False
-        elif signal == "flaps":
-            values = flight.columns[signal].numbers
-            column.take_sign(-1.0 if np.mean(values) < -0.01 * (np.ptp(values) + 1e-9) else 1.0, "flaps go down")
+        return True
+    return False
 
 
 def _controls(flight: Flight) -> None:
@@ -330,7 +356,7 @@ def _check_said(flight: Flight) -> None:
             continue
         for law, reference, raw, tolerance in references(flight, signal):
             found = flight.fit(reference, raw)
-            if found is None or abs(found.correlation) < 0.9 or not np.isfinite(tolerance):
+            if found is None or abs(found.correlation) < _CERTAIN or not np.isfinite(tolerance):
                 continue
             if not is_of_size(found.slope, column, tolerance + 0.5):
                 unit = unit_of_slope(found.slope, found.correlation, signal, tolerance)

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.errors import InputError
-from aircraft_sysid_ros.recordings.tabular.clock import NO_TIME, days_later, stamps_of
+from aircraft_sysid_ros.recordings.tabular.clock import NO_TIME, days_later, spans, stamps_of
 from aircraft_sysid_ros.recordings.tabular.column_map import HHMMSS, TEXT_TIMES, TimeBase
 from aircraft_sysid_ros.recordings.tabular.guess.names import TIME, guess_name
 from aircraft_sysid_ros.recordings.tabular.guess.time_units import fitting_units, is_hhmmss, is_unix_time, is_usual_step
@@ -102,7 +102,9 @@ def why_no_time(table: Table, columns: dict[str, npt.NDArray[Any]]) -> str:
 
 def _candidate(name: str, unit: str, table: Table, columns: dict[str, npt.NDArray[Any]]) -> TimeGuess | None:
     values = columns[name]
-    if values.dtype.kind == "M" or (values.dtype.kind in "OUT" and _is_text(values)):
+    if values.dtype.kind in "OUT" and _is_text(values) and (written := spans(values)) is not None:
+        values, unit = written
+    elif values.dtype.kind == "M" or (values.dtype.kind in "OUT" and _is_text(values)):
         return _of_texts(name, values)
     ticks, bad = numbers(values)
     if (not unit or conversion(unit, "s").factor == 1.0) and not bad and is_hhmmss(ticks):

@@ -1,0 +1,252 @@
+"""Tables as programs and sensors that many people have write them: what a first MAP makes of their names."""
+
+import numpy as np
+import pytest
+from scipy.io import savemat
+
+from aircraft_sysid_ros.aircraft.atmosphere import STANDARD_GRAVITY as G
+from aircraft_sysid_ros.aircraft.frames import euler_from_quaternion
+from aircraft_sysid_ros.recordings.tabular.guess.first_map import guess_map
+from aircraft_sysid_ros.recordings.tabular.guess.names import guess_ground_track, guess_name
+from aircraft_sysid_ros.recordings.tabular.signals import UNITS
+from aircraft_sysid_ros.recordings.tabular.units import conversion
+from aircraft_sysid_ros.simulation.simulated_flight import default_aircraft, simulate_samples
+
+DEGREES, FOOT, KNOT = 180.0 / np.pi, 0.3048, 1852.0 / 3600.0
+#: By how much [SI] a line may be off the truth: what the digits of a file take away.
+DIGITS = {"rad": 2e-3, "rad/s": 2e-2, "m/s^2": 0.2, "m/s": 0.3, "m": 1.5, "Pa": 5.0, "kg": 0.1, "1": 0.02}
+IMU = {f"{kind}.{axis}" for kind in ("specific_force", "angular_velocity") for axis in "xyz"}
+ATTITUDE = {f"attitude.{angle}" for angle in ("roll", "pitch", "yaw")}
+PLACE, VELOCITY = {"latitude", "longitude", "altitude"}, {f"velocity.{way}" for way in ("north", "east", "down")}
+
+
+@pytest.fixture(scope="module")
+def flown():
+    """90 s with turns at 100 Hz in SI, FRD and NED, by signal, and ``time`` [s]."""
+    truth = simulate_samples(default_aircraft(), seed=5, duration=90.0, wind=(3.0, -2.0, 0.0), rate=200.0).truth[::2]
+    rng = np.random.default_rng(1)
+    euler = np.unwrap([euler_from_quaternion(q) for q in truth.quaternion], axis=0)
+    latitude, longitude, altitude = truth.origin
+    columns = {
+        **{
+            f"specific_force.{a}": truth.specific_force[:, i] + rng.normal(0, 0.05, len(truth.time))
+            for i, a in enumerate("xyz")
+        },
+        **{
+            f"angular_velocity.{a}": truth.rates[:, i] + rng.normal(0, 0.003, len(truth.time))
+            for i, a in enumerate("xyz")
+        },
+        **{f"attitude.{name}": euler[:, i] for i, name in enumerate(("roll", "pitch", "yaw"))},
+        **{f"velocity.{way}": truth.velocity[:, i] for i, way in enumerate(("north", "east", "down"))},
+        "latitude": latitude + truth.position[:, 0] / 6.371e6,
+        "longitude": longitude + truth.position[:, 1] / (6.371e6 * np.cos(latitude)),
+        "altitude": altitude - truth.position[:, 2],
+        "true_airspeed": truth.airspeed,
+        "indicated_airspeed": truth.airspeed * np.sqrt(truth.density / 1.225),
+        "angle_of_attack": truth.alpha,
+        "sideslip": truth.beta,
+        "elevator": truth.controls[:, 0],
+        "throttle": truth.controls[:, 4],
+        "dynamic_pressure": 0.5 * truth.density * truth.airspeed**2,
+    }
+    return {"time": truth.time, **columns}
+
+
+def _written(path, columns, before="", separator=",", step=1):
+    """A file of columns (n,) by name."""
+    rows = zip(*(column[::step] for column in columns.values()), strict=True)
+    lines = [
+        separator.join(columns),
+        *(separator.join(v if isinstance(v, str) else f"{v:.7f}" for v in row) for row in rows),
+    ]
+    path.write_text(before + "\n".join(lines) + "\n")
+
+
+def _of_imu(flown, names, rate=1.0, signs=(1.0, 1.0, 1.0)):
+    """Columns of an IMU whose names begin so; ``rate`` are its numbers of a rate by SI."""
+    return {
+        f"{name}{axis}": flown[f"{signal}.{low}"] * scale * sign
+        for name, signal, scale in ((names[0], "specific_force", 1.0), (names[1], "angular_velocity", rate))
+        for axis, low, sign in zip(names[2], "xyz", signs, strict=True)
+    }
+
+
+def vectornav(flown, path):
+    _written(path / "log.csv", {
+        "TimeStartup": flown["time"] * 1e9,
+        **{f"YawPitchRoll_{name.title()}": DEGREES * flown[f"attitude.{name}"] for name in ("yaw", "pitch", "roll")},
+        **_of_imu(flown, ("Accel_", "AngularRate_", "XYZ")),
+        "PosLla_Lat": DEGREES * flown["latitude"], "PosLla_Lon": DEGREES * flown["longitude"],
+        "PosLla_Alt": flown["altitude"],
+        **{f"VelNed_{way[0].upper()}": flown[f"velocity.{way}"] for way in ("north", "east", "down")},
+    }, step=2)  # fmt: skip
+    return IMU | ATTITUDE | PLACE | VELOCITY
+
+
+def xsens(flown, path):
+    """Forward, left and up; Euler angles from the east to the left."""
+    before = "// General information:\n//  MT Manager version:\t2020.0\n//  Update Rate:\t100.0Hz\n"
+    _written(path / "log.txt", {
+        "PacketCounter": np.arange(len(flown["time"])), "SampleTimeFine": flown["time"] * 1e4,
+        **_of_imu(flown, ("Acc_", "Gyr_", "XYZ"), rate=DEGREES, signs=(1.0, -1.0, -1.0)),
+        "Roll": DEGREES * flown["attitude.roll"], "Pitch": -DEGREES * flown["attitude.pitch"],
+        "Yaw": np.mod(270.0 - DEGREES * flown["attitude.yaw"], 360.0) - 180.0,
+        "Latitude": DEGREES * flown["latitude"], "Longitude": DEGREES * flown["longitude"],
+        "Altitude": flown["altitude"],
+        "Vel_E": flown["velocity.east"], "Vel_N": flown["velocity.north"], "Vel_U": -flown["velocity.down"],
+    }, before, separator="\t")  # fmt: skip
+    return IMU | ATTITUDE | PLACE | VELOCITY
+
+
+def flightgear(flown, path):
+    _written(path / "log.csv", {
+        "/sim/time/elapsed-sec": flown["time"] + 40.0,
+        "/position/latitude-deg": DEGREES * flown["latitude"], "/position/longitude-deg": DEGREES * flown["longitude"],
+        "/position/altitude-ft": flown["altitude"] / FOOT,
+        "/orientation/roll-deg": DEGREES * flown["attitude.roll"],
+        "/orientation/pitch-deg": DEGREES * flown["attitude.pitch"],
+        "/orientation/heading-deg": np.mod(DEGREES * flown["attitude.yaw"], 360.0),
+        "/velocities/airspeed-kt": flown["indicated_airspeed"] / KNOT,
+        **{f"/velocities/speed-{way}-fps": flown[f"velocity.{way}"] / FOOT for way in ("north", "east", "down")},
+        **{f"/accelerations/pilot/{a}-accel-fps_sec": flown[f"specific_force.{a}"] / FOOT for a in "xyz"},
+        **{f"/orientation/{n}-rate-degps": DEGREES * flown[f"angular_velocity.{a}"]
+           for n, a in (("roll", "x"), ("pitch", "y"), ("yaw", "z"))},
+        "/orientation/alpha-deg": DEGREES * flown["angle_of_attack"],
+        "/orientation/side-slip-deg": DEGREES * flown["sideslip"],
+        "/surface-positions/elevator-pos-norm": flown["elevator"] / 0.4,
+        "/controls/engines/engine/throttle": flown["throttle"],
+        "/engines/engine/oil-temperature-degf": 180.0 + 0.0 * flown["time"],
+    }, step=2)  # fmt: skip
+    air = {"indicated_airspeed", "angle_of_attack", "sideslip", "throttle"}
+    return IMU | ATTITUDE | PLACE | VELOCITY | air
+
+
+def jsbsim(flown, path):
+    _written(path / "log.csv", {
+        "Time": flown["time"], "V_{Total} (ft/s)": flown["true_airspeed"] / FOOT,
+        **{f"{n} (deg/s)": DEGREES * flown[f"angular_velocity.{a}"] for n, a in zip("PQR", "xyz", strict=True)},
+        **{f"{n} (deg)": DEGREES * flown[f"attitude.{a}"]
+           for n, a in (("Phi", "roll"), ("Theta", "pitch"), ("Psi", "yaw"))},
+        "Alpha (deg)": DEGREES * flown["angle_of_attack"], "Beta (deg)": DEGREES * flown["sideslip"],
+        "Altitude ASL (ft)": flown["altitude"] / FOOT, "Latitude (deg)": DEGREES * flown["latitude"],
+        "Longitude (deg)": DEGREES * flown["longitude"],
+        **{f"V_{{{way.title()}}} (ft/s)": flown[f"velocity.{way}"] / FOOT for way in ("north", "east", "down")},
+        "Nx (G)": flown["specific_force.x"] / G, "Ny (G)": flown["specific_force.y"] / G,
+        "Nz (G)": -flown["specific_force.z"] / G,
+        "fcs/elevator-pos-rad": flown["elevator"], "fcs/throttle-pos-norm": flown["throttle"],
+    })  # fmt: skip
+    air = {"true_airspeed", "angle_of_attack", "sideslip", "elevator", "throttle"}
+    return IMU | ATTITUDE | PLACE | VELOCITY | air
+
+
+def xplane(flown, path):
+    _written(path / "Data.txt", {
+        "_real,_time ": flown["time"], "_totl,_time ": flown["time"] + 30.0,
+        "_Vind,_kias ": flown["indicated_airspeed"] / KNOT, "Vtrue,_ktas ": flown["true_airspeed"] / KNOT,
+        "Vtrue,_ktgs ": np.hypot(flown["velocity.north"], flown["velocity.east"]) / KNOT,
+        "__VVI,__fpm ": -flown["velocity.down"] * 60.0 / FOOT,
+        **{f"____{n},rad/s ": flown[f"angular_velocity.{a}"] for n, a in (("Q", "y"), ("P", "x"), ("R", "z"))},
+        "pitch,__deg ": DEGREES * flown["attitude.pitch"], "_roll,__deg ": DEGREES * flown["attitude.roll"],
+        "hding,_true ": np.mod(DEGREES * flown["attitude.yaw"], 360.0),
+        "hding,__mag ": np.mod(DEGREES * flown["attitude.yaw"] - 3.0, 360.0),
+        "_beta,__deg ": DEGREES * flown["sideslip"], "__lat,__deg ": DEGREES * flown["latitude"],
+        "__lon,__deg ": DEGREES * flown["longitude"], "p-alt,ftMSL ": flown["altitude"] / FOOT,
+    }, separator="|", step=5)  # fmt: skip
+    rates = {signal for signal in IMU if signal.startswith("angular")}
+    return rates | ATTITUDE | PLACE | {"indicated_airspeed", "true_airspeed", "velocity.down", "sideslip"}
+
+
+def mavlink(flown, path):
+    """SCALED_IMU: thousandths of g and of rad/s."""
+    _written(path / "log.csv", {
+        "time_boot_ms": flown["time"] * 1e3,
+        **{f"{a}acc": 1e3 / G * flown[f"specific_force.{a}"] for a in "xyz"},
+        **{f"{a}gyro": 1e3 * flown[f"angular_velocity.{a}"] for a in "xyz"},
+        "roll": DEGREES * flown["attitude.roll"], "pitch": DEGREES * flown["attitude.pitch"],
+        "yaw": np.mod(DEGREES * flown["attitude.yaw"], 360.0),
+        "lat": DEGREES * flown["latitude"], "lng": DEGREES * flown["longitude"],
+            "alt": flown["altitude"],
+    }, step=4)  # fmt: skip
+    return {"specific_force.z", *(f"angular_velocity.{a}" for a in "xyz"), *ATTITUDE, "latitude", "longitude"}
+
+
+def matlab(flown, path):
+    """A timetable, whose times are durations."""
+    _written(path / "log.csv", {
+        "Time": [f"{t:.2f} sec" for t in flown["time"]],
+        **{f"a{a}_mps2": flown[f"specific_force.{a}"] for a in "xyz"},
+            **{f"{n}_rps": flown[f"angular_velocity.{a}"] for n, a in zip("pqr", "xyz", strict=True)},
+        **{f"{n}_rad": flown[f"attitude.{a}"] for n, a in (("phi", "roll"), ("theta", "pitch"), ("psi", "yaw"))},
+        "TAS_mps": flown["true_airspeed"], "lat_deg": DEGREES * flown["latitude"],
+        "lon_deg": DEGREES * flown["longitude"], "alt_m": flown["altitude"],
+    }, step=2)  # fmt: skip
+    return ATTITUDE | PLACE | {"true_airspeed", "specific_force.x", "specific_force.z"}
+
+
+def sidpac(flown, path):
+    """The matrix ``fdata`` of SIDPAC, of which only those columns are set that were measured."""
+    fdata = np.zeros((len(flown["time"]), 90))
+    for column, values in {
+        1: flown["time"], 2: flown["true_airspeed"] / FOOT, 3: DEGREES * flown["sideslip"],
+        4: DEGREES * flown["angle_of_attack"], 5: DEGREES * flown["angular_velocity.x"],
+        6: DEGREES * flown["angular_velocity.y"], 7: DEGREES * flown["angular_velocity.z"],
+        8: DEGREES * flown["attitude.roll"], 9: DEGREES * flown["attitude.pitch"], 10: DEGREES * flown["attitude.yaw"],
+        11: flown["specific_force.x"] / G, 12: flown["specific_force.y"] / G, 13: flown["specific_force.z"] / G,
+        14: DEGREES * flown["elevator"], 27: flown["dynamic_pressure"] / 47.880259, 30: flown["altitude"] / FOOT,
+    }.items():  # fmt: skip
+        fdata[:, column - 1] = values
+    savemat(path / "log.mat", {"fdata": fdata[::2], "t": flown["time"][::2, None]})
+    air = {"true_airspeed", "sideslip", "angle_of_attack", "elevator", "dynamic_pressure", "altitude"}
+    return IMU | ATTITUDE | air
+
+
+@pytest.mark.parametrize("layout", [vectornav, xsens, flightgear, jsbsim, xplane, mavlink, matlab, sidpac])
+def test_a_log_of_a_known_program_is_guessed(tmp_path, flown, layout):
+    """Of FlightGear no name was known, of VectorNav the accelerometers; SIDPAC held "no columns of numbers"."""
+    expected = layout(flown, tmp_path)
+    (file,) = tmp_path.iterdir()
+    lines = {}
+    for part in guess_map(file).parts:
+        lines |= {line.signal: line for line in part.lines if line.active}
+    assert expected <= set(lines), f"not guessed: {sorted(expected - set(lines))}"
+    table = _read(file)
+    for signal, line in lines.items():
+        convert = conversion(line.unit, UNITS[signal])
+        values = line.sign * convert(table[line.column] + line.offset)
+        truth = np.interp(table[""], flown["time"], flown[signal])
+        off = values - truth
+        if UNITS[signal] == "rad":
+            off = np.angle(np.exp(1j * off))
+        assert np.median(np.abs(off)) < DIGITS[UNITS[signal]], (signal, line)
+
+
+def _read(file):
+    """Numbers of the columns of a file, and under "" their times [s] since the flight began."""
+    from aircraft_sysid_ros.recordings.tabular.guess.times import guess_time
+    from aircraft_sysid_ros.recordings.tabular.source import open_source
+
+    for table in open_source(file).tables("*"):
+        if len(table.columns) > 5:
+            content = next(table.read(list(table.columns), 100_000))
+            seconds = guess_time(table, content).seconds
+            return {
+                "": seconds - seconds[0],
+                **{k: v.astype(float) for k, v in content.items() if v.dtype.kind in "fi"},
+            }
+    raise AssertionError(file)
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["Vtrue,_ktgs", "/engines/engine/oil-temperature-degf", "/autopilot/settings/target/altitude-ft", "P deg/sec/deg",
+     "hding,__mag", "/accelerations/pilot-gdamped", "/fmu/out/imu/x"],
+)  # fmt: skip
+def test_what_only_ends_like_a_signal_is_none(name):
+    assert guess_name(name) is None and guess_ground_track(name) is None
+
+
+def test_rates_in_thousandths_are_not_taken_for_degrees(tmp_path, flown):
+    """Of 530 mrad/s it was said that they are deg/s, since they are too fast for rad/s."""
+    mavlink(flown, tmp_path)
+    (part,) = guess_map(tmp_path / "log.csv").parts
+    assert {line.unit for line in part.lines if line.signal.startswith("angular_velocity")} == {"mrad/s"}
