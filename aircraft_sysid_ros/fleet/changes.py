@@ -144,11 +144,15 @@ FEWEST_OTHERS = 3
 def difference(one: Mean, others: Sequence[Mean]) -> tuple[float, float, float]:
     """Mean of the other airframes, its standard error, and the p-value that ``one`` is like them.
 
+    Flights of one airframe scatter no less than those of half of the airframes: a few that agree may do so by chance.
     Of few others the spread between airframes is hardly known: of two it is what they differ by, and of one it is asked
     whether both are equal.
     """
-    y, s = np.array([o.value for o in others]), np.array([o.std for o in others])
+    y, s, own = np.array([o.value for o in others]), np.array([o.std for o in others]), one.std
     if len(others) >= FEWEST_OTHERS:
+        scatter = float(np.median([mean.between for mean in (one, *others)]))
+        own, *least = (max(mean.std, scatter / float(np.sqrt(mean.flights))) for mean in (one, *others))
+        s = np.array(least)
         fitted = fit(y, s, np.ones((len(y), 1)))
         value, std, spread, freedom = float(fitted.value[0]), float(fitted.std[0]), fitted.between, fitted.freedom
     else:
@@ -156,5 +160,5 @@ def difference(one: Mean, others: Sequence[Mean]) -> tuple[float, float, float]:
         weight = 1.0 / (s**2 + spread**2)
         value, std = float(weight @ y / weight.sum()), float(weight.sum() ** -0.5)
         freedom = min([one.flights, *(o.flights for o in others)]) - 1
-    apart = (one.value - value) / np.sqrt(one.std**2 + std**2 + spread**2)
+    apart = (one.value - value) / np.sqrt(own**2 + std**2 + spread**2)
     return value, std, two_sided(apart, freedom)

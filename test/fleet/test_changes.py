@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from aircraft_sysid_ros.fleet.changes import DRIFT, JUMP, Mean, Series, change_of, difference, named
+from aircraft_sysid_ros.fleet.changes import DRIFT, JUMP, Mean, Series, change_of, difference, mean_of, named
 
 FLIGHTS = 24
 
@@ -76,6 +76,23 @@ def test_an_airframe_that_is_not_like_the_others():
     assert value == pytest.approx(1.0, abs=0.05) and far < 1e-4
     assert difference(Mean(1.12, 0.01, 0.02, 20), others)[2] > 0.05  # as far as they are from each other
     assert difference(Mean(1.12, 0.01, 0.02, 20), others[:1])[2] < 1e-3  # two alone are just compared
+
+
+def mean_by_chance(rng, flights, spread, at=0.0):
+    """The mean of flights with standard errors of 1 and a spread between them."""
+    value = rng.normal(at, np.hypot(spread, 1.0), flights)
+    return mean_of(Series(np.arange(flights), value, np.ones(flights), np.full(flights, np.nan)))
+
+
+def test_an_airframe_of_two_flights_that_agree_by_chance_is_like_the_others():
+    """Two values near each other had said that it scatters little, though all the others scatter ten times as much:
+    in one of ten parameters a new airframe was not like the others with a p-value below one of a thousand.
+    """
+    rng = np.random.default_rng(94)
+    others = [mean_by_chance(rng, 20, 10.0) for _ in range(20)]
+    p_values = np.array([difference(mean_by_chance(rng, 2, 10.0), others)[2] for _ in range(100)])
+    assert np.mean(p_values < 0.05) < 0.1 and not np.any(p_values < 1e-3)
+    assert all(difference(mean_by_chance(rng, 2, 10.0, at=120.0), others)[2] < 1e-4 for _ in range(20))
 
 
 def test_of_three_airframes_the_two_that_are_alike_are_not_named():
