@@ -19,6 +19,7 @@ from multiprocessing.connection import Connection
 from typing import Any
 
 from aircraft_sysid_ros.errors import InputError, one_line
+from aircraft_sysid_ros.installation import MissingExtra
 from aircraft_sysid_ros.processes import CORES, ONE_THREAD, end_with
 
 #: How often a process is restarted that was killed from outside.
@@ -122,7 +123,8 @@ def _end_with_worker() -> None:
 def _failure(error: Exception) -> Failed:
     """What is said of an error, and whether it comes back."""
     cause = error if isinstance(error, OSError) else error.__context__
-    lasting = not (isinstance(cause, OSError) and cause.errno in _OF_THE_MACHINE)
+    of_machine = isinstance(cause, OSError) and cause.errno in _OF_THE_MACHINE
+    lasting = not (of_machine or isinstance(error, MissingExtra))
     if isinstance(error, Failed):
         return error
     if isinstance(error, InputError):

@@ -1,7 +1,7 @@
 """The answers of a fleet in its folder: one file per flight, written whole, under the key of what it rests on.
 
-A fleet that is begun again takes from here what it has. Failures of the machine, such as a full disk, are not kept; one
-by the time limit counts only up to that limit.
+A fleet that is begun again takes from here what it has. Failures of the machine, such as a full disk or a package that
+is not installed, are not kept; one by the time limit counts only up to that limit.
 """
 
 from __future__ import annotations

@@ -12,6 +12,7 @@ from pathlib import Path
 import psutil
 
 from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.installation import MissingExtra
 
 
 @dataclass(frozen=True)
@@ -34,6 +35,8 @@ def work(job: FakeJob, folder: Path) -> dict[str, object]:
         time.sleep(1000.0)
     if kind == "damaged":
         raise InputError("the recording is damaged")
+    if kind == "bare":
+        raise MissingExtra("ULog files", "pyulog", "logs")
     if kind == "full":
         with open("/dev/full", "w", encoding="utf8") as full:
             full.write("x")

@@ -30,6 +30,7 @@ def test_an_answer_comes_back(tmp_path):
     [
         ("crash", "its process crashed (SIGSEGV)", True),
         ("damaged", "the recording is damaged", True),
+        ("bare", "python3 -m pip install 'aircraft_sysid_ros[logs]'", False),
         ("full", "No space left on device", False),
         ("greedy", "more memory", False),
     ],
