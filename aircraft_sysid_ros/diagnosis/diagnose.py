@@ -65,8 +65,12 @@ def diagnose(
 ) -> Diagnosis:
     """Diagnose one flight with replicas of it; ``progress`` hears shares from 0 to 1."""
     empty = [CandidateEvaluator(replica.data) for replica in replicas]
-    of_replicas = {a: [other.fits[a].nrmse_held_out for other in empty if a in other.fits] for a in bench.fits}
-    floor = {axis: float(np.mean(errors)) for axis, errors in of_replicas.items() if errors}
+    of_replicas = {a: [other.fits[a].held_out_rms for other in empty if a in other.fits] for a in bench.fits}
+    floor = {  # over the spread that the flight has: they repeat a part of a long one, which may be livelier or quieter
+        axis: float(np.mean(errors)) / bench.fits[axis].spread
+        for axis, errors in of_replicas.items()
+        if errors and bench.fits[axis].spread > 0.0
+    }
     null = null_of(replicas, library, tuple(bench.fits))
     found: list[Finding] = []
     listed: list[Finding] = []

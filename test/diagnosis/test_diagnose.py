@@ -197,6 +197,19 @@ def test_a_replica_of_a_flight_with_an_effect_is_as_noisy_as_a_flight_without(ai
         assert replica.fits[axis].nrmse_held_out == pytest.approx(honest.fits[axis].nrmse_held_out, rel=0.35)
 
 
+def test_the_noise_of_replicas_that_repeat_a_part_of_the_flight_is_that_of_the_flight(aircraft):
+    """Replicas of the livelier half of a flight had two thirds of its error, since the coefficients vary more there."""
+    data = settled_flight(reconstruct(aircraft, flight_of(aircraft).samples, with_covariance=False))
+    motion, place = np.abs(np.nan_to_num(data.signal("q"))), np.unique(data.block, return_inverse=True)[1]
+    mean = np.bincount(place, motion) / np.bincount(place)
+    lively = (mean > np.median(mean))[place]
+    repeated = replace(data, measured=np.where(lively[:, None], data.measured, np.nan))
+    bench = CandidateEvaluator(data)
+    floor = diagnose(bench, [Replica(repeated, {}, {})] * 2, []).floor
+    for axis in ("CY", "CZ", "Cl", "Cm", "Cn"):
+        assert floor[axis] == pytest.approx(bench.fits[axis].nrmse_held_out, rel=0.15)
+
+
 # -- measurement ---------------------------------------------------------------------------------------------
 
 

@@ -98,7 +98,7 @@ def test_a_replica_of_a_sparse_flight_is_as_sparse_and_holds_no_more_motion_than
 
 @pytest.mark.parametrize("air", [(50.0, 10.0, 10.0), (10.0, 50.0, 25.0)])
 def test_sensors_of_a_replica_are_as_fast_as_each_of_the_flight(air: tuple[float, float, float]) -> None:
-    """Vanes at 10 Hz beside an airspeed at 50 Hz had 50 Hz in replicas, whose errors were two thirds of the true ones."""
+    """Vanes at 10 Hz beside an airspeed at 50 Hz had 50 Hz in replicas, whose errors were two thirds of true ones."""
     rates = dict(zip((Kind.AIRSPEED, Kind.ANGLE_OF_ATTACK, Kind.SIDESLIP), air, strict=True)) | {Kind.ATTITUDE: 20.0}
     samples = simulate_samples(file_of_users(), SEED, 25.0, sensors=SensorOptions(attitude=True)).samples
     keep = np.ones(len(samples), np.bool_)

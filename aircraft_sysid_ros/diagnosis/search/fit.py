@@ -216,8 +216,13 @@ class AxisFit:
         return self.nrmse(self.held_out_sse)
 
     @property
+    def held_out_rms(self) -> float:
+        """Rms of the held-out residuals, in the unit of the coefficient."""
+        return float(np.sqrt(np.sum(self.held_out_sse) / len(self.y)))
+
+    @property
     def nrmse_fit(self) -> float:
-        """The same of the residuals of the fit to all points."""
+        """Rms of the residuals of the fit to all points over the standard deviation of the measured coefficient."""
         return self.nrmse(self.residual**2)
 
     def nrmse(self, squares: Array) -> float:

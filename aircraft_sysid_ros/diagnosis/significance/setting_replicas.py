@@ -118,8 +118,10 @@ def in_replicas(fault: Setting, corrected: Reconstruction, calm: bool, seeds: Se
     flight = replace(
         corrected, aircraft=_with_sensors_right(corrected.aircraft, fault), samples=_controls_on_time(corrected, fault)
     )  # fmt: skip
-    stretches, parameters = repeated_rows(flight, LONGEST), fitted_parameters(settled_flight(flight))
-    return list(in_parallel(_in_one, [(fault, flight, stretches, parameters, calm, seed) for seed in seeds]))
+    data = settled_flight(flight)
+    stretches, parameters = repeated_rows(flight, LONGEST), fitted_parameters(data)
+    spreads = {axis: fit.spread for axis, fit in fits_of(data, MOMENTS)[0].items() if fit.spread > 0.0}
+    return list(in_parallel(_in_one, [(fault, flight, stretches, parameters, spreads, calm, seed) for seed in seeds]))
 
 
 def _with_sensors_right(aircraft: Aircraft, fault: Setting) -> Aircraft:
@@ -139,16 +141,16 @@ def _controls_on_time(corrected: Reconstruction, fault: Setting) -> Samples:
     return replace(samples, stamp=samples.stamp - late * np.isin(samples.kind, [Kind.CONTROLS, Kind.INPUTS]))
 
 
-def _in_one(job: tuple[Setting, Reconstruction, list[Array], Array, bool, int]) -> InReplica:
-    """The setting in one replica."""
-    fault, flight, stretches, parameters, calm, seed = job
+def _in_one(job: tuple[Setting, Reconstruction, list[Array], Array, Mapping[str, float], bool, int]) -> InReplica:
+    """The setting in one replica; errors are over the spreads of the flight, of which it may repeat a part."""
+    fault, flight, stretches, parameters, spreads, calm, seed = job
     world = world_of(flight, stretches, parameters, seed)
     samples, errors = world.samples(seed), dict[str, float]()
     try:
         if CONTROLS in fault.variant.setting:
             again = reconstruct_as_flown(world.aircraft, samples, with_covariance=False)[0]
             fits, _ = fits_of(settled_flight(again), MOMENTS)
-            errors = {axis: fit.nrmse_held_out for axis, fit in fits.items()}
+            errors = {axis: fit.held_out_rms / spreads[axis] for axis, fit in fits.items() if axis in spreads}
         else:
             again = _unfiltered(flight, as_flown(world.aircraft, samples)[0], samples)
     except InputError:
