@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from functools import cache, partial
 from types import NoneType
 from typing import TYPE_CHECKING, Any
@@ -50,6 +51,37 @@ def channel_types(channel: Channel) -> Typestore:
     except Exception:  # the parsers raise all kinds
         return known_types()
     return store
+
+
+def as_written(channel: Channel, messages: Sequence[bytes]) -> Channel:
+    """A channel without a definition with the older one that its first messages have, where they are none of ours.
+
+    Before Iron sensor_msgs/Range had no variance, and sqlite3 recordings had no definitions.
+    """
+    if channel.encoding or channel.type not in known_types().fielddefs or _fits(known_types(), channel.type, messages):
+        return channel
+    older = _older_types()
+    if channel.type not in older.fielddefs or not _fits(older, channel.type, messages):
+        return channel
+    return replace(channel, encoding="ros2msg", definition=older.generate_msgdef(channel.type, ros_version=2)[0])
+
+
+@cache
+def _older_types() -> Typestore:
+    from rosbags.typesys import Stores, get_typestore
+
+    return get_typestore(Stores.ROS2_HUMBLE)
+
+
+def _fits(types: Typestore, type_name: str, messages: Sequence[bytes]) -> bool:
+    """Whether any of the messages is of a type."""
+    for message in messages:
+        try:
+            types.deserialize_cdr(message, type_name)
+        except Exception:  # what is of another type raises all kinds
+            continue
+        return True
+    return False
 
 
 def is_as_known(channel: Channel) -> bool:

@@ -143,7 +143,8 @@ def _wanted_channels(raw: RawMessages, known: Mapping[str, str]) -> tuple[dict[i
             wanted[key] = topic
         else:
             notes.append(f"{channel.topic} is ignored: its type is {channel.type}, not {known[topic]}")
-    return wanted, notes + _name_notes(others, set(wanted.values()))
+    found = set(wanted.values())
+    return wanted, notes + _name_notes(others, found) + _namespace_notes(namespace, others, found)
 
 
 def _name_notes(others: Iterable[Channel], found: Collection[str]) -> list[str]:
@@ -156,16 +157,33 @@ def _name_notes(others: Iterable[Channel], found: Collection[str]) -> list[str]:
     ]
 
 
+def _namespace_notes(namespace: str, others: Iterable[Channel], found: Collection[str]) -> list[str]:
+    """That topics which are read are there once more in other namespaces, as those of another aircraft."""
+    placed = ((channel.type, _placed(channel)) for channel in others)
+    beside = {where[0] for kind, where in placed if where and where[1] in found and kind == TOPICS[where[1]]}
+    if not beside:
+        return []
+    left_out = ", ".join(f"/{prefix}" for prefix in sorted(beside))
+    return [
+        f"topics of several namespaces: those under /{namespace} are read, those under {left_out} are not; "
+        "`ros2 bag convert` makes a recording of one aircraft"
+    ]
+
+
 def _namespace(raw: RawMessages) -> str:
-    """What stands before the most known topics, such as "uav1/"; of equal ones none, then the alphabet."""
+    """What stands before the most known topics with messages, as "uav1/"; of equal ones none, then the alphabet."""
     namespaces: dict[str, int] = {}
-    for channel in raw.channels.values():
-        name = channel.topic.strip("/")
-        for topic in TOPICS:
-            if name == topic or name.endswith("/" + topic):
-                prefix = name.removesuffix(topic)
-                namespaces[prefix] = namespaces.get(prefix, 0) + 1
+    for key, channel in raw.channels.items():
+        if (placed := _placed(channel)) and len(raw.rows(key)):
+            namespaces[placed[0]] = namespaces.get(placed[0], 0) + 1
     return min(namespaces, key=lambda prefix: (-namespaces[prefix], prefix), default="")
+
+
+def _placed(channel: Channel) -> tuple[str, str] | None:
+    """Namespace and relative name of a topic that ends as one of TOPICS does."""
+    name = channel.topic.strip("/")
+    topic = next((topic for topic in TOPICS if name == topic or name.endswith("/" + topic)), None)
+    return None if topic is None else (name.removesuffix(topic), topic)
 
 
 def _require_samples(path: str | Path, batches: list[Samples], raw: RawMessages, skipped: Mapping[str, int]) -> None:

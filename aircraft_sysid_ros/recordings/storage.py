@@ -15,6 +15,7 @@ from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.recordings import losses
 from aircraft_sysid_ros.recordings.decompression import ZSTD_MAGIC, Undecompressible, decompress_prefix
 from aircraft_sysid_ros.recordings.mcap_file import read_mcap, read_mcap_data
+from aircraft_sysid_ros.recordings.message_types import as_written
 from aircraft_sysid_ros.recordings.raw_messages import Channel, Integers, RawMessages
 from aircraft_sysid_ros.recordings.sqlite_file import counts_by_topic, read_sqlite
 from aircraft_sysid_ros.yaml_file import parse_yaml
@@ -23,6 +24,7 @@ METADATA = "metadata.yaml"
 _READERS = {".mcap": read_mcap, ".db3": read_sqlite}
 _COMPRESSED = ".zstd"
 _MOST_REASONS = 3  # why nothing can be read
+_LOOKED_AT = 5  # messages that show their layout, of a topic whose type is not defined
 
 
 def read_raw(path: str | Path) -> RawMessages:
@@ -42,7 +44,18 @@ def read_raw(path: str | Path) -> RawMessages:
         reasons = [note for note in messages.notes if note != losses.NO_CHECKSUMS]
         why = f" that can be read: {'; '.join(reasons[:_MOST_REASONS])}" if reasons else ""
         raise InputError(f"the recording {path} holds no messages{why}")
-    return replace(messages, notes=tuple(sorted(messages.notes, key=losses.NO_CHECKSUMS.__eq__)))
+    notes = tuple(sorted(messages.notes, key=losses.NO_CHECKSUMS.__eq__))
+    return replace(messages, channels=_defined(messages), notes=notes)
+
+
+def _defined(messages: RawMessages) -> dict[int, Channel]:
+    """The channels, with definitions of an older ROS where the recording has none and its messages are of that."""
+    return {
+        key: channel
+        if channel.encoding
+        else as_written(channel, [messages[i] for i in messages.rows(key)[:_LOOKED_AT].tolist()])
+        for key, channel in messages.channels.items()
+    }
 
 
 def _read_file(path: Path) -> RawMessages:

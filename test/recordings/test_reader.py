@@ -76,6 +76,29 @@ def test_only_one_aircraft_is_read(tmp_path):
     recording = read_recording(tmp_path / "two")
     assert recording.topics == {"imu/data": 4, "gps/vel": 2}
     assert recording.ignored == {"/a/imu/data": 3}
+    (note,) = [note for note in recording.notes if "namespaces" in note]
+    assert "under /b/ are read" in note and "under /a/ are not" in note
+
+
+def test_topics_without_messages_are_no_namespace(tmp_path):
+    """A sqlite3 recording lists what was only listened to: the aircraft's topics were then not read, and it was said
+    that the recording has none of those that it was said to hold.
+    """
+    from rosbags.rosbag2 import StoragePlugin, Writer
+
+    raw = read_raw(write_flight(tmp_path / "flight"))
+    with Writer(tmp_path / "silent", version=9, storage_plugin=StoragePlugin.SQLITE3) as writer:
+        for channel in raw.channels.values():
+            writer.add_connection(channel.topic, channel.type, typestore=known_types())
+        connections = {
+            key: writer.add_connection(f"/uav1{channel.topic}", channel.type, typestore=known_types())
+            for key, channel in raw.channels.items()
+        }
+        for i in range(len(raw)):
+            writer.write(connections[int(raw.channel[i])], int(raw.log_time[i]), raw[i])
+    recording = read_recording(tmp_path / "silent")
+    assert recording.topics == {"imu/data": 20, "gps/vel": 4}
+    assert not any("namespaces" in note for note in recording.notes)
 
 
 def test_samples_are_in_order_of_arrival(flight):
@@ -217,6 +240,32 @@ def test_definition_of_the_recording_goes_before_ours(tmp_path):
         writer.write(connection, START, store.serialize_cdr(message, name))
     samples = read_recording(tmp_path / "new").samples
     np.testing.assert_array_equal(samples.values[0, :4], [1.0, 2.0, 3.0, 4.0])
+
+
+def test_heights_of_a_humble_recording_without_definitions_are_read(tmp_path):
+    """Range had no variance then, and sqlite3 no definitions: none of its messages could be decoded."""
+    import sqlite3
+    from contextlib import closing
+
+    from rosbags.rosbag2 import StoragePlugin, Writer
+    from rosbags.typesys import Stores, get_typestore
+
+    name, store, stamp = TOPICS["height_above_ground"], get_typestore(Stores.ROS2_HUMBLE), START // 10**9
+    time, header, kind = (
+        store.types[t] for t in ("builtin_interfaces/msg/Time", "std_msgs/msg/Header", "sensor_msgs/msg/Range")
+    )
+    with Writer(tmp_path / "humble", version=9, storage_plugin=StoragePlugin.SQLITE3) as writer:
+        connection = writer.add_connection("/height_above_ground", name, typestore=store)
+        for k in range(3):
+            message = kind(header(time(stamp + k, 0), "base_link"), 1, 0.1, 0.2, 50.0, 10.0 + k)
+            writer.write(connection, START + k * 10**9, store.serialize_cdr(message, name))
+    with closing(sqlite3.connect(next((tmp_path / "humble").glob("*.db3")))) as database:
+        database.execute("DELETE FROM message_definitions")
+        database.commit()
+    recording = read_recording(tmp_path / "humble")
+    assert recording.samples.kind.tolist() == [Kind.HEIGHT] * 3
+    np.testing.assert_array_equal(recording.samples.values[:, 0], [10.0, 11.0, 12.0])
+    assert recording.skipped == {} and not any("decoded" in note for note in recording.notes)
 
 
 def velocity_message(second, numbers):
