@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from aircraft_sysid_ros.aircraft.file_values import (
@@ -119,7 +119,21 @@ def sensors_of(data: Mapping[str, Any]) -> dict[str, Sensor]:
         members = SENSOR_GROUPS.get(name, (SENSOR_ALIASES.get(name, name),))
         for i, member in enumerate(members):
             sensors[member] = _sensor(sensors[member], value, name, i, members)
-    return sensors
+    return sensors | _imu_of_one_delay(sensors, by_name(data))
+
+
+def _imu_of_one_delay(sensors: Mapping[str, Sensor], said: Mapping[str, Mapping[str, Any]]) -> dict[str, Sensor]:
+    """The sensors of the IMU, which come in one sample: a delay that is said of one is that of both."""
+    members = SENSOR_GROUPS["imu"]
+    of_both = said.get("imu", {}).get("delay") is not None
+    stated = {name for name in members if of_both or said.get(name, {}).get("delay") is not None}
+    delays = {sensors[name].delay for name in stated}
+    if len(delays) > 1:
+        raise InputError(
+            "the gyro and accelerometer of an IMU come in one message and have one delay: give it as "
+            f"imu: {{delay: {sensors['gyro'].delay:g}}}"
+        )
+    return {name: replace(sensors[name], delay=delay) for name in members for delay in delays}
 
 
 def _sensor(base: Sensor, value: Mapping[str, Any], name: str, i: int, members: tuple[str, ...]) -> Sensor:

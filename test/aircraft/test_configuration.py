@@ -316,6 +316,18 @@ def test_a_single_sensor_goes_before_its_group(group_first):
     assert [sensors[s].delay for s in ("airspeed", "angle_of_attack", "sideslip")] == [0.1, 0.1, 0.1]
 
 
+@pytest.mark.parametrize("said", ["gyro", "gyroscope", "accelerometer", "imu"])
+def test_the_imu_has_one_delay_whichever_of_its_sensors_it_is_said_of(said):
+    sensors = with_sensor(**{said: {"delay": 0.02}})
+    assert [sensors[name].delay for name in ("accelerometer", "gyro")] == [0.02, 0.02]
+
+
+@pytest.mark.parametrize("other", ["accelerometer", "imu"])
+def test_two_delays_of_the_imu_are_refused(other):
+    with pytest.raises(InputError, match=r"gyro and accelerometer .* one delay.*imu: \{delay: 0\.02\}"):
+        with_sensor(**{other: {"delay": 0.01}, "gyro": {"delay": 0.02}})
+
+
 def test_gps_noise_is_one_number_or_three_and_aliases_are_known():
     sensors = with_sensor(gps={"noise": [2.0, 0.1], "rate": 10}, beta={"rate": 20}, gyroscope={"noise": [0.2]})
     assert sensors["gps_position"].noise == (2.0, 2.0, 2.0) and sensors["gps_velocity"].noise == (
