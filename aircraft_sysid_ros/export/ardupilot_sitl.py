@@ -64,7 +64,7 @@ def export_ardupilot_sitl(learnt: LearntModel, full: Array) -> Exported:
     full = np.array([signs[name] or 1.0 for name in SURFACES]) * full
     values = coefficients(flown, full)
     thrust = thrust_part(flown)
-    misses = lost(flown.coefficients, body_coefficients(values, flown, flown.signals, full) + thrust)
+    misses = lost(flown, body_coefficients(values, flown, flown.signals, full) + thrust)
     missing = (*not_held(learnt, HELD), *_ALWAYS_MISSING)
     lines = header_lines(learnt, "ArduPlane SITL (pull request 29809)", misses, missing)
     travel = "full input is elevator {:.1f}, aileron {:.1f}, rudder {:.1f} deg".format(*np.degrees(full))

@@ -56,7 +56,7 @@ def export_gazebo(learnt: LearntModel, full: Array | None = None) -> Exported:
     """
     flown = learnt.flown
     values = coefficients(flown)
-    misses = lost(flown.coefficients, body_coefficients(values, flown, flown.signals) + thrust_part(flown))
+    misses = lost(flown, body_coefficients(values, flown, flown.signals) + thrust_part(flown))
     missing = (*not_held(learnt, HELD), *_ALWAYS_MISSING)
     elevator = values["Cem_ctrl_de"]
     shift = (

@@ -68,8 +68,9 @@ def export_jsbsim(learnt: LearntModel, full: Array | None = None) -> Exported:
     _surfaces(root, learnt, full)
     _aerodynamics(root, learnt)
     indent(root)
-    return Exported('<?xml version="1.0" encoding="utf-8"?>\n' + tostring(root, encoding="unicode") + "\n",
-                    dict.fromkeys(AXES, 0.0), _NOT_HELD, notes)  # fmt: skip
+    text = '<?xml version="1.0" encoding="utf-8"?>\n' + tostring(root, encoding="unicode") + "\n"
+    misses = {axis: 0.0 if learnt.knows(axis) else float("nan") for axis in AXES}  # every known term is held
+    return Exported(text, misses, _NOT_HELD, notes)
 
 
 def _notes(learnt: LearntModel) -> tuple[str, ...]:

@@ -78,6 +78,10 @@ class LearntModel:
         names = self.model.parameter_names
         return float(self.values[names.index(name)]) if name in names else 0.0
 
+    def knows(self, axis: str) -> bool:
+        """Whether any parameter of an axis is known."""
+        return any(np.isfinite(p.value) for p in self.parameters[self.model.axis_slice(axis)])
+
     def terms_on(self, signals: Array) -> Array:
         """All terms (n, k) on signal rows in order of time."""
         time, rows = signals[:, self.model.signal_names.index("time")], np.ascontiguousarray(signals)
@@ -209,11 +213,15 @@ def stalled_lift(linear: Array, alpha: Array, stall: float, sharpness: float) ->
     return np.asarray((1.0 - sigma) * linear + sigma * plate)
 
 
-def lost(ours: Array, theirs: Array) -> dict[str, float]:
-    """By axis the rms difference [-] of coefficients (n, 6) over the standard deviation of ours; NaN without spread."""
+def lost(flown: LearntModel, theirs: Array) -> dict[str, float]:
+    """By axis the rms difference [-] of coefficients (n, 6) from ours on the rows, over the standard deviation of ours.
+
+    NaN without spread, and of an axis of which nothing is known.
+    """
+    ours = flown.coefficients
     error, spread = np.sqrt(np.mean((ours - theirs) ** 2, axis=0)), np.std(ours, axis=0)
     return {
-        axis: float(e / s) if s > 1e-12 else (0.0 if e < 1e-12 else float("nan"))
+        axis: float(e / s) if s > 1e-12 else (0.0 if e < 1e-12 and flown.knows(axis) else float("nan"))
         for axis, e, s in zip(AXES, error, spread, strict=True)
     }
 

@@ -86,6 +86,8 @@ def test_a_flight_whose_sideslip_is_not_known_is_exported(learnt, target):
     found, known = (TARGETS[target].write(each, full, TARGETS[target].versions[0]) for each in (blind, learnt))
     for axis in found.lost.keys() & {"CX", "CZ", "Cm"}:
         assert 0.0 <= found.lost[axis] <= 1.2 * known.lost[axis], axis
+    for axis in found.lost.keys() & {"CY", "Cl", "Cn"}:
+        assert np.isnan(found.lost[axis]), f"nothing is known of {axis}, and 0 % of it was said to be lost"
     if target == "px4":
         assert "\tFW_W_C_B1\t" not in found.content and "\tFW_W_C_A1\t" in found.content
         assert any("not known, so that FW_W_C_B1 is left out" in note for note in found.notes)
