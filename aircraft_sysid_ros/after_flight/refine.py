@@ -19,6 +19,8 @@ from aircraft_sysid_ros.diagnosis.model_versions.versions import (
 )
 from aircraft_sysid_ros.effects.effect import with_setting
 from aircraft_sysid_ros.errors import InputError, echo
+from aircraft_sysid_ros.identification.conditions import listed
+from aircraft_sysid_ros.refinement.parameters import OTHERWISE
 from aircraft_sysid_ros.refinement.refine import FILTER_ERROR, METHODS, Refinement, RefineOptions, refine, with_options
 from aircraft_sysid_ros.refinement.run_data import RunData
 from aircraft_sysid_ros.run_writer import write_json
@@ -95,5 +97,11 @@ def refined_sentences(result: dict[str, Any]) -> list[str]:
             f"WORSE THAN BEFORE: where nothing was fitted, {axes} predicted worse than with the parameters that it "
             "began with. The model seems to lack something, see aircraft-sysid diagnose RUN: do not use the refined "
             "values"
+        )
+    other = [found["name"] for found in result["parameters"] if found["reason"].startswith(f"{OTHERWISE} ")]
+    if other:
+        sentences.append(
+            f"{listed(other)} of the run do not agree with this fit beyond the errors of both: use neither value. "
+            "`export` and `gains` still take those of the run"
         )
     return sentences

@@ -91,6 +91,10 @@ def without_information(covariance: Array, active: Mask, scales: Scales) -> int 
     return worst if effect[worst] > 1.0 else None
 
 
+#: Begin of the reason of a parameter that the run has with another value, and in USE.
+OTHERWISE = "equation error of the same flight says"
+
+
 def judged(
     model: AerodynamicModel,
     record: FlightRecord,
@@ -122,7 +126,7 @@ def judged(
             status, reason = verdict.status.name, verdict.reason
             other = run_parameters.get(name, {})
             if status == "USE" and _contradicts(other, theta[i], std[i], per_unit[i]):
-                status, reason = "HOLD", f"equation error of the same flight says {other['value']:.3g}"
+                status, reason = "HOLD", f"{OTHERWISE} {other['value']:.3g}"
         value = {"name": name, "value": float(theta[i]), "std": float(std[i]) if active[i] else None}
         found.append({**value, "status": status, "reason": reason})
     return found

@@ -34,6 +34,7 @@ from aircraft_sysid_ros.reconstruction.sparse_imu import LONG
 from aircraft_sysid_ros.refinement.filter_error import FilterModel, filter_error_fit
 from aircraft_sysid_ros.refinement.output_error import SegmentModel, output_error_fit
 from aircraft_sysid_ros.refinement.parameters import (
+    OTHERWISE,
     biases_json,
     difference_steps,
     estimable,
@@ -322,7 +323,7 @@ def _doubts(found: _Fitted, errors: dict[str, dict[str, float]], of_run: Mapping
     for axis in worse_axes(errors):
         doubts[axis] = doubts[axis] or f"where it was not fitted it predicts {axis} worse than the run did"
     for axis, words in of_run.items():
-        doubts[axis] = doubts.get(axis, "") or f"equation error of the same flight says: {words}"
+        doubts[axis] = doubts.get(axis, "") or f"{OTHERWISE}: {words}"
     return {axis: words for axis, words in doubts.items() if words}
 
 

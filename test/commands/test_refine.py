@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from aircraft_sysid_ros.after_flight.refine import refined_sentences
 from aircraft_sysid_ros.commands.main import main
 from aircraft_sysid_ros.refinement.refine import worse_axes
 from aircraft_sysid_ros.simulation.simulated_flight import simulate_samples
@@ -55,6 +56,20 @@ def test_refine_writes_file_and_figure(run, pictures, capsys, monkeypatch):
     errors["Cl"]["nrmse"] = 2.0 * errors["Cl"]["nrmse_before"]  # a model that lacks something
     printed["worse"] = worse_axes(errors)
     assert printed["worse"] == ["Cl"] and "C_l predicted worse" in refine.render(printed)
+
+
+def test_what_both_methods_say_differently_is_not_to_be_used_of_either():
+    parameters = [
+        {"name": "Cm_q", "status": "HOLD", "reason": "equation error of the same flight says -4.2"},
+        {"name": "Cm_de", "status": "USE", "reason": ""},
+        {"name": "CZ_q", "status": "HOLD", "reason": "equation error of the same flight says 4.2"},
+        {"name": "CX_0", "status": "HOLD", "reason": "equation error of the same flight says: it lacks something"},
+    ]
+    result = {"converged": True, "iterations": 3, "seconds_fitted": 60.0, "elapsed": 2.0, "worse": []}
+    _, sentence = refined_sentences({**result, "parameters": parameters})
+    assert sentence.startswith("Cm_q and CZ_q of the run do not agree with") and "use neither" in sentence
+    assert "`export` and `gains` still take those of the run" in sentence
+    assert len(refined_sentences({**result, "parameters": parameters[1:2]})) == 1
 
 
 def ask(capsys, *arguments):
