@@ -314,6 +314,14 @@ def _height(stamp: Stamps, fields: Fields) -> list[tuple[Samples, Rows]]:
     return [_all_rows(samples_of(Kind.HEIGHT, stamp, np.where(measured, distance, np.nan)))]
 
 
+def _mass(stamp: Stamps, fields: Fields) -> list[tuple[Samples, Rows]]:
+    """A mass or a moment of inertia of 0 was not filled in; without any moment neither was the product."""
+    mass, *moments, product, center = (np.asarray(fields[name]) for name in USED_FIELDS["mass_properties"])
+    mass, *moments = (np.where(value > 0.0, value, np.nan) for value in (mass, *moments))
+    product = np.where(np.isfinite(moments).any(axis=0), product, np.nan)
+    return [_all_rows(samples_of(Kind.MASS, stamp, mass, *moments, product, center))]
+
+
 def _named_inputs(stamp: Stamps, fields: Fields, inputs: Sequence[NamedInput]) -> list[tuple[Samples, Rows]]:
     """Each named input in SI, in the order of the aircraft file; NaN: not in the message, or no value it can have.
 
@@ -355,7 +363,7 @@ _CONVERSIONS: dict[str, Callable[[Stamps, Fields], list[tuple[Samples, Rows]]]] 
     "five_hole_probe": _columns(Kind.FIVE_HOLE, "five_hole_probe"),
     "control_surfaces": _columns(Kind.CONTROLS, "control_surfaces"),
     "height_above_ground": _height,
-    "mass_properties": _columns(Kind.MASS, "mass_properties"),
+    "mass_properties": _mass,
 }
 
 

@@ -10,6 +10,7 @@ import pytest
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, model_from_terms
 from aircraft_sysid_ros.aircraft.signals import SIGNAL_INDEX
 from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.identification.coefficients.body import body_of, body_with
 from aircraft_sysid_ros.identification.coefficients.layout import CoefficientSample
 from aircraft_sysid_ros.identification.identifier import Identifier
 from aircraft_sysid_ros.identification.model_file import load_model, parameters_json, save_model
@@ -252,6 +253,15 @@ def test_mass_that_changes_is_used(flight) -> None:
     assert np.allclose(points[late, 5], whole[late, 5], rtol=1e-9)
     early = whole[:, CoefficientSample.TIME] < 19.0
     assert np.array_equal(points[early, 3], whole[early, 3])
+
+
+def test_mass_counts_beside_an_inertia_that_none_has(flight) -> None:
+    """The whole message was passed over, while a note said that forces are worked out with its mass."""
+    before = body_of(flight.aircraft)
+    values = np.array([2.0 * before.mass, 0.1, 0.1, 0.1, 0.5, np.nan, np.nan, np.nan])
+    after = body_with(flight.aircraft, before, values)
+    assert after.mass == 2.0 * before.mass
+    assert np.array_equal(after.inertia, before.inertia) and np.array_equal(after.imu, before.imu)
 
 
 def test_any_model_of_the_aircraft_file(flight) -> None:

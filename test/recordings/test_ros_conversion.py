@@ -231,6 +231,18 @@ def test_plain_topics_keep_order_and_sign():
     np.testing.assert_array_equal(field.values[0, :3], [1.0, -2.0, -3.0])
 
 
+def test_mass_and_inertia_of_zero_were_not_filled_in():
+    """A driver that knows the mass alone: the message was ignored, and a note said that its mass was used."""
+    names = ("ixx", "iyy", "izz", "ixz")
+    fields = {"mass": np.array([2.5, 0.0, 2.5, 2.5]), "center_of_gravity": np.zeros((4, 3))}
+    fields |= {name: np.array([0.0, 0.0, 0.1, np.nan]) for name in names}
+    fields["ixz"][2] = 0.0
+    values = ros.to_samples("mass_properties", np.arange(4), fields)[0].values
+    np.testing.assert_array_equal(values[:, 0], [2.5, np.nan, 2.5, 2.5])
+    np.testing.assert_array_equal(values[:, 1:5], [[np.nan] * 4, [np.nan] * 4, [0.1, 0.1, 0.1, 0.0], [np.nan] * 4])
+    np.testing.assert_array_equal(values[:, 5:8], 0.0)
+
+
 def random_fields(topic, n, rng):
     sizes = {"orientation": 4, "position_covariance": 9}
     fields = {}

@@ -33,17 +33,14 @@ def force_noise(aircraft: Aircraft, half_width: float) -> float:
 
 
 def body_with(aircraft: Aircraft, body: Body, values: Array) -> Body:
-    """Body after a MASS sample: what is NaN in it stays as it was."""
+    """Body after a MASS sample: what is NaN in it stays as it was, and so does an inertia that none has."""
     before = [*np.diag(body.inertia), -body.inertia[0, 2]]
     inertia = np.where(np.isfinite(values[1:5]), values[1:5], before)
     matrix = inertia_matrix(*inertia)
     shift = np.where(np.isfinite(values[5:8]), values[5:8], aircraft.imu_position - body.imu)
-    sensible = values[0] > 0.0 if np.isfinite(values[0]) else True
-    if not sensible or np.any(np.linalg.eigvalsh(matrix) <= 0.0):
-        return body
     return body._replace(
-        mass=float(values[0]) if np.isfinite(values[0]) else body.mass,
-        inertia=matrix,
+        mass=float(values[0]) if np.isfinite(values[0]) and values[0] > 0.0 else body.mass,
+        inertia=body.inertia if np.any(np.linalg.eigvalsh(matrix) <= 0.0) else matrix,
         imu=aircraft.imu_position - shift,
         reference=aircraft.aerodynamic_reference - shift,
     )
