@@ -7,6 +7,9 @@ waits for subscribers that are behind, before one topic is a second of the recor
 they have everything. One that keeps every sample, as `live --reliable` does, loses none at any rate; another loses what
 its own queue does not hold.
 
+Where the log times leap ahead by more than two minutes, the clock of the recorder was set: what follows goes out at
+once.
+
 With --clock the time of the recording goes to /clock, for nodes whose use_sim_time is true.
 """
 
@@ -22,12 +25,13 @@ from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from aircraft_sysid_ros.commands.notes import note_lines
 from aircraft_sysid_ros.commands.progress import progress_bar
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.installation import missing_ros, start_ros, stay_local
-from aircraft_sysid_ros.recordings.playback import Schedule, every
+from aircraft_sysid_ros.recordings.playback import LARGEST_LEAP, Schedule, every
 from aircraft_sysid_ros.recordings.raw_messages import RawMessages
 from aircraft_sysid_ros.recordings.storage import read_raw
 from aircraft_sysid_ros.stamps import NANOSECONDS
@@ -198,7 +202,10 @@ def _play(
     """Send everything; returns counts by topic and times [s]."""
     rows = np.flatnonzero(np.isin(raw.channel, list(publishers)))
     channels, log_times = raw.channel[rows].tolist(), raw.log_time[rows].tolist()
-    duration = (log_times[-1] - log_times[0]) / NANOSECONDS if log_times else 0.0
+    steps = np.diff(raw.log_time[rows], prepend=raw.log_time[rows[:1]]) / NANOSECONDS
+    leaps = steps > LARGEST_LEAP / NANOSECONDS
+    times = np.cumsum(np.where(leaps, 0.0, steps)).tolist()  # of the recording, without leaps
+    duration = times[-1] if times else 0.0
     counts = dict.fromkeys(publishers, 0)
     schedule, show = Schedule(args.rate), every(0.1)
     reliable = [] if args.best_effort else list(publishers.values())  # best-effort subscribers never say what they have
@@ -206,7 +213,7 @@ def _play(
     started = time.perf_counter()
     with progress_bar() as progress:
         task = progress.add_task("playing", total=duration)
-        for row, key, log_time in zip(rows.tolist(), channels, log_times, strict=True):
+        for row, key, log_time, played in zip(rows.tolist(), channels, log_times, times, strict=True):
             schedule.wait(log_time)
             together.wait(log_time)
             if clock is not None:
@@ -214,7 +221,6 @@ def _play(
             _publish(publishers[key], raw[row])
             counts[key] += 1
             if next(show):
-                played = (log_time - log_times[0]) / NANOSECONDS
                 progress.update(task, completed=played)
                 latecomers.look(played)
         elapsed = time.perf_counter() - started
@@ -227,7 +233,19 @@ def _play(
         topic = publishers[key].topic_name
         messages[topic] = messages.get(topic, 0) + count
     timing = {"rate": args.rate, "duration": duration, "elapsed": elapsed, "delay": schedule.delay}
-    return {**timing, "messages": messages, "subscribers": subscribers, "notes": latecomers.notes}
+    notes = [*latecomers.notes, *_leap_notes(steps[leaps])]
+    return {**timing, "messages": messages, "subscribers": subscribers, "notes": notes}
+
+
+def _leap_notes(leaps: npt.NDArray[np.float64]) -> list[str]:
+    """That the log times leap ahead by so much [s] (n,), each."""
+    if not len(leaps):
+        return []
+    times = "once" if len(leaps) == 1 else f"{len(leaps)} times"
+    return [
+        f"the log times leap ahead {times}, by {leaps.max():.4g} s at most, as where the clock of the recorder was "
+        "set: this is not waited for"
+    ]
 
 
 @contextmanager

@@ -77,6 +77,15 @@ def test_a_long_stall_shifts_the_rest_instead_of_a_burst():
     assert schedule.delay == pytest.approx(10.0)
 
 
+def test_a_clock_that_was_set_is_not_waited_for():
+    """A board without a clock of its own began in 1970 until it heard the time: a playback slept for decades."""
+    clock = Clock()
+    schedule = scheduled(2.0, clock)
+    for log_time in (0, SECOND, START, START + SECOND, START + 101 * SECOND):
+        schedule.wait(log_time)
+    assert clock.now == pytest.approx(100.0 + (1.0 + 1.0 + 100.0) / 2.0)
+
+
 def test_rate_zero_never_waits():
     clock = Clock()
     schedule = scheduled(0.0, clock)
