@@ -48,6 +48,7 @@ class Identifier:
         self.stream = CoefficientStream(aircraft, self.options)
         self.learning = Learning(aircraft, self.options, self.stream.pace, self.stream.controls.pace)
         self._slot, self._interval = -np.inf, self.stream.pace.interval
+        self._before: float | None = None  # time [s] of the newest state by a clock of which none has come since
 
     @property
     def model(self) -> AerodynamicModel:
@@ -91,6 +92,7 @@ class Identifier:
     def restart_clock(self) -> Array:
         """The clock of the states starts over: what waits is used, what was learnt stays; returns new samples."""
         samples = self.flush()
+        self._before = self._before if self.stream.newest is None else self.stream.newest
         self.stream.restart_clock()
         self.learning.restart_clock()
         self._slot = -np.inf
@@ -144,8 +146,11 @@ class Identifier:
         parts = one_clock(rows, LARGEST_LEAP)
         if len(parts) > 1:
             return np.vstack([self.push_states(part, epoch) for part in parts])
-        passed = self.stream.has_passed(float(rows[0, StateField.TIME]))
-        before = self.restart_clock() if passed else self._no_samples()
+        begin = float(rows[0, StateField.TIME])
+        before = self.restart_clock() if self.stream.has_passed(begin) else self._no_samples()
+        if self._before is not None:
+            self.learning.move_times(min(begin - self._before, 0.0))  # ahead, and so much may have passed
+            self._before = None
         self.learning.constants.note(rows)
         samples = self._process_until(self.stream.add_states(rows))
         return np.vstack([before, samples]) if len(before) else samples

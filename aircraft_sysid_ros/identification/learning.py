@@ -192,6 +192,14 @@ class Learning:
         self.landing.restart()
         self.fleet.restart_clock()
 
+    def move_times(self, by: float) -> None:
+        """The clock that has started over shows ``by`` [s] more: what was learnt is as old as it was."""
+        self.least_squares.move_times(by)
+        if self.choice is not None:
+            self.choice.move_times(by)
+        elif self.lends:
+            self.estimator.move_times(by)
+
     def begin_anew(self, same_flight: bool) -> None:
         """Another manoeuvre begins: what was learnt stays, or what was known before it was held."""
         self.constants.of_manoeuvres = True

@@ -7,6 +7,7 @@ import pytest
 
 from aircraft_sysid_ros.identification.coefficients.layout import CoefficientSample
 from aircraft_sysid_ros.identification.identifier import Identifier
+from aircraft_sysid_ros.identification.options import ParameterOptions
 from aircraft_sysid_ros.pipeline import Pipeline
 from aircraft_sysid_ros.reconstruction.ordering import flown_twice
 from aircraft_sysid_ros.reconstruction.state_estimator import StateEstimator
@@ -86,6 +87,21 @@ def test_as_nodes_hear_it(flight, back) -> None:
     parameters.flush()
     found, wanted = parameters.snapshot().parameters, expected.parameters.snapshot().parameters
     assert [(p.value, p.std, p.status) for p in found] == [(p.value, p.std, p.status) for p in wanted]
+
+
+@pytest.mark.parametrize("estimator", ["rls", "fourier", "rml"])
+def test_the_age_of_what_was_learnt_goes_on_where_the_clock_goes_back(flight, estimator) -> None:
+    """Of what was not learnt again it was that of the old clock, and so negative: minus an hour."""
+    aircraft, samples = flight[0], leapt(flight[1], 3600.0)
+    pipeline = Pipeline(aircraft, parameter_options=ParameterOptions(estimator=estimator))
+    later = samples.stamp < samples.stamp[0]
+    pipeline.push(samples[~later])
+    pipeline.parameters.change_options(ParameterOptions(estimator=estimator, excitation=100.0))  # nothing moves as much
+    pipeline.push(samples[later])
+    pipeline.flush()
+    age = np.array([p.age for p in pipeline.parameters.snapshot().parameters])
+    assert np.all((age > -1.0) & (age < DURATION))
+    assert np.max(age) > DURATION - LEAP - 2.0 or estimator == "rml"  # which learns on from less
 
 
 @pytest.mark.long

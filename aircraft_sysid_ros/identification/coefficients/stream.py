@@ -138,6 +138,11 @@ class CoefficientStream:
         return self._newest is not None and bool(is_another_clock(time - self._newest))
 
     @property
+    def newest(self) -> float | None:
+        """Time [s] of the newest state by this clock; None before it."""
+        return self._newest
+
+    @property
     def flown(self) -> float:
         """Time [s] since the first state by this clock; 0 before it."""
         return 0.0 if self.start_time is None or self._newest is None else self._newest - self.start_time

@@ -97,6 +97,11 @@ class EstimatorChoice:
         if self.successor is not None:
             self.successor.restart_clock()
 
+    def move_times(self, by: float) -> None:
+        """The clock that has started over shows ``by`` [s] more: what was learnt is as old as it was."""
+        if self.successor is not None:
+            self.successor.move_times(by)
+
     def change_options(self, options: ParameterOptions) -> None:
         """Go on with other options."""
         self._options = options

@@ -105,6 +105,9 @@ class Estimator(Protocol):
     def restart_clock(self) -> None:
         """The clock started over: drop what refers to old times, keep what was learnt."""
 
+    def move_times(self, by: float) -> None:
+        """The clock that has started over shows ``by`` [s] more: what was learnt is as old as it was."""
+
     def warm_up(self) -> None:
         """Compile, or load from the cache, every kernel that two seconds of level flight do not reach."""
 

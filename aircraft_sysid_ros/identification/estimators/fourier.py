@@ -125,6 +125,10 @@ class FourierEstimator:
         self._bank.clock[:2] = -np.inf
         self._bank.last_motion[:] = -np.inf
 
+    def move_times(self, by: float) -> None:
+        """The clock that has started over shows ``by`` [s] more: what was learnt is as old as it was."""
+        self._bank.last_learnt[:] += by
+
     def warm_up(self) -> None:
         """Compile what a flight that does not move leaves out."""
         bank = new_bank(self._model.offsets, len(self._setting.frequencies))

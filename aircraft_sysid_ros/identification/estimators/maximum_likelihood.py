@@ -143,7 +143,10 @@ class MaximumLikelihoodEstimator:
         clock = self.recursion.clock
         clock[loop.TIME], clock[loop.RUNNING] = -np.inf, 0.0
         self.recursion.before_time[:] = np.nan
-        self.recursion.last_learnt[:] = np.nan
+
+    def move_times(self, by: float) -> None:
+        """The clock that has started over shows ``by`` [s] more: what was learnt is as old as it was."""
+        self.recursion.last_learnt[:] += by
 
     @property
     def restarts(self) -> int:

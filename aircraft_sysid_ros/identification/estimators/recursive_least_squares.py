@@ -171,6 +171,10 @@ class RecursiveLeastSquares:
         """The clock started over: what was learnt stays."""
         self.state.last_valid[:] = -np.inf
 
+    def move_times(self, by: float) -> None:
+        """The clock that has started over shows ``by`` [s] more: what was learnt is as old as it was."""
+        self.state.last_learnt[:] += by
+
     def push_samples(self, samples: Samples, epoch: int) -> None:
         """Raw samples are not needed."""
 
