@@ -30,8 +30,10 @@ from aircraft_sysid_ros.errors import InputError, echo
 from aircraft_sysid_ros.flight_model.modes import THRUST as THRUST_COLUMN
 from aircraft_sysid_ros.identification.coefficients.signals import INPUT_HELD, interpolate
 from aircraft_sysid_ros.reconstruction.absences import has_airspeed
+from aircraft_sysid_ros.reconstruction.drift import Drift
 from aircraft_sysid_ros.run_writer import write_json
-from aircraft_sysid_ros.samples import Kind, Samples, manoeuvres
+from aircraft_sysid_ros.samples import SAME_FLIGHT, Kind, Samples, manoeuvres
+from aircraft_sysid_ros.stamps import NANOSECONDS, seconds
 
 Array = npt.NDArray[np.float64]
 #: Draws what was found into a file; returns the file and no note, or None and why there is none.
@@ -136,7 +138,7 @@ def drag_polar(
     if not 0.0 <= idle <= _MOST_IDLE:
         raise InputError(f"the idle power (--idle) must be from 0 to {_MOST_IDLE:g} W, not {idle:g}")
     folder = folder_to_write(run, run.current)
-    found = fit(windows_of(aircraft, run.samples, method, power, idle), method)
+    found = fit(windows_of(aircraft, run.samples, method, power, idle, run.zero), method)
     content = {
         "model": run.current.identifier, "aircraft": aircraft.name, "method": method,
         **polar_json(found, aircraft.mass, aircraft.wing_area, idle),
@@ -236,8 +238,28 @@ def _density(part: Samples, at: Array) -> Array:
     return np.full(len(at), air_density(float(np.nanmedian(_smooth(part, Kind.GPS_POSITION, 2, at)))))
 
 
-def windows_of(aircraft: Aircraft, samples: Samples, method: str, power: str | None, idle: float) -> Windows:
-    """Sums over windows of the flight in the air. Raises InputError where there is too little of it."""
+def _as_measured(aircraft: Aircraft, samples: Samples, zero: int | None) -> Samples:
+    """Samples without the errors of the air data that the aircraft file states; a drift begins at the stamp ``zero``
+    [ns], at which the filter started, and where another flight begins.
+    """
+    drift, values = Drift(aircraft), samples.values.copy()
+    flight = np.cumsum((samples.kind == Kind.SEAM) & ~(samples.values[:, 0] <= SAME_FLIGHT))
+    origin = int(samples.stamp[0])
+    for number in range(int(flight.max(initial=0)) + 1):
+        own = flight == number
+        drift.since = (max(int(samples.stamp[own][0]), zero or 0) - origin) / NANOSECONDS
+        values[own] = drift.corrected(seconds(samples.stamp[own], origin), samples.kind[own], values[own])
+    return Samples(samples.stamp, samples.kind, values)
+
+
+def windows_of(
+    aircraft: Aircraft, samples: Samples, method: str, power: str | None, idle: float, zero: int | None = None
+) -> Windows:
+    """Sums over windows of the flight in the air; ``zero`` [ns]: the stamp at which the filter started.
+
+    Raises InputError where there is too little of it.
+    """
+    samples = _as_measured(aircraft, samples, zero)
     stretches = (
         _of_stretch(aircraft, part, number, method, power, idle) for number, part in enumerate(manoeuvres(samples))
     )

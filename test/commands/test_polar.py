@@ -11,17 +11,30 @@ import numpy as np
 import pytest
 
 from aircraft_sysid_ros.after_flight import drag_polar as module
-from aircraft_sysid_ros.after_flight.drag_polar import GLIDING, POWER, Windows, drag_polar, fit, polar_json, windows_of
+from aircraft_sysid_ros.after_flight.drag_polar import (
+    GLIDING,
+    POWER,
+    THRUST,
+    Windows,
+    drag_polar,
+    fit,
+    polar_json,
+    windows_of,
+)
 from aircraft_sysid_ros.aircraft.atmosphere import pressures
 from aircraft_sysid_ros.commands.main import main
 from aircraft_sysid_ros.diagnosis.model_versions.versions import open_run
+from aircraft_sysid_ros.effects.effect import with_setting
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.samples import Kind, Samples, concatenate
+from aircraft_sysid_ros.simulation.simulated_flight import simulate_samples
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks" / "makers"))
 
 from point_mass import make
 
+SECOND = 10**9
+DRIFT = ("sensors", "airspeed", "drift")
 TRUE = {"CD0": 0.035, "k": 0.045, "efficiency": 0.6}
 
 
@@ -91,6 +104,19 @@ def flown(tmp_path_factory):
     assert main(["import", str(place / "log"), "--map", str(place / "log" / "map.yaml"), "--out", bag]) == 0
     assert main(["replay", bag, "--aircraft", str(place / "log" / "plane.yaml"), "--out", run]) == 0
     return run, truth
+
+
+def test_stated_errors_of_the_airspeed_are_taken_off(aircraft):
+    """A pitot that reads 6 % too much, and more from minute to minute: with a file that says so, the same polar."""
+    samples = simulate_samples(aircraft, 1, 100.0, manoeuvres="speeds").samples
+    zero = int(samples.stamp.min()) + 20 * SECOND
+    shown, since = samples.values.copy(), np.maximum(samples.stamp - zero, 0) / SECOND
+    pitot = samples.kind == Kind.AIRSPEED
+    shown[pitot, 0] *= 1.06 * (1.0 + 2e-4 * since[pitot])
+    said = with_setting(with_setting(aircraft, ("sensors", "airspeed", "scale"), 1.06), DRIFT, 2e-4)
+    right = fit(windows_of(aircraft, samples, THRUST, None, 0.0), THRUST)
+    found = fit(windows_of(said, Samples(samples.stamp, samples.kind, shown), THRUST, None, 0.0, zero), THRUST)
+    np.testing.assert_allclose(found.values, right.values, rtol=1e-6)
 
 
 @pytest.mark.long
