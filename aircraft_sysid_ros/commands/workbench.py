@@ -162,7 +162,7 @@ def _of_folder(args: argparse.Namespace) -> tuple[Any, Make, str]:
 
     folder = CalibrationFolder(args.calibration) if args.calibration else None
     session = Session(path, load_truth_view(args.truth), folder)
-    return session, lambda theme, name: Page(session, theme), session.path.name
+    return session, lambda theme, name: Page(session, theme), session.name
 
 
 def _of_several(args: argparse.Namespace) -> tuple[Any, Make, str]:
@@ -180,7 +180,7 @@ def _of_calibration(args: argparse.Namespace) -> tuple[Any, Make, str]:
     if args.calibration or args.truth:
         raise InputError(f"{args.run[0]} is a calibration: --calibration and --truth are for a run")
     session = CalibrationSession(CalibrationFolder(args.run[0]))
-    return session, lambda theme, name: CalibrationPage(session, theme), session.folder.path.name
+    return session, lambda theme, name: CalibrationPage(session, theme), session.folder.path.resolve().name
 
 
 def _live(args: argparse.Namespace) -> tuple[Any, Make, str]:

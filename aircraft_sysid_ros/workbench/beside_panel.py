@@ -18,7 +18,7 @@ from aircraft_sysid_ros.workbench.run_view import RunView
 from aircraft_sysid_ros.workbench.views import places
 from aircraft_sysid_ros.workbench.views.envelope import envelope_words, shared_scale
 from aircraft_sysid_ros.workbench.views.history import VersionRow, history
-from aircraft_sysid_ros.workbench.views.words import quantity_of, sentence
+from aircraft_sysid_ros.workbench.views.words import quantity_of, readable, sentence
 
 #: Where there is nothing to compare with.
 ONE_VERSION = (
@@ -141,7 +141,7 @@ class BesidePanel(Panel):
         self._said.clear()
         with self._said:
             for text in sentences:
-                ui.label(sentence(text) + ".").classes("small")
+                ui.label(readable(sentence(text)) + ".").classes("small")
         for place in (self._errors, self._parameters, self._maps):
             place.set_visibility(False)
 
@@ -215,5 +215,5 @@ class BesidePanel(Panel):
         maps = [places.residual_map(comparison, axis, x, y, edges) for comparison in self._compared]
         top = shared_scale(maps)
         for (words, drawn), name, found in zip(self._drawn, self._names, maps, strict=True):
-            words.text = f"{name}: {envelope_words(found)}"
+            words.text = f"{readable(name)}: {envelope_words(found)}"
             drawn.update_figure(places.map_figure(found, self.page.look.theme, _MAP, top))

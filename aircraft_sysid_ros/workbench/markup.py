@@ -23,7 +23,7 @@ from aircraft_sysid_ros.workbench.views.history import VersionRow
 from aircraft_sysid_ros.workbench.views.parameters import INTERVAL, ParameterRow
 from aircraft_sysid_ros.workbench.views.residuals import ResidualRow
 from aircraft_sysid_ros.workbench.views.states import Consistency
-from aircraft_sysid_ros.workbench.views.words import chance, percent, rounded, symbol, typeset
+from aircraft_sysid_ros.workbench.views.words import chance, percent, readable, rounded, symbol, typeset
 
 #: What figures do by themselves in a browser, on the page and in the file.
 SCRIPT = "\n".join(
@@ -78,7 +78,7 @@ _TEMPLATES = _environment()
 
 def page(template: str, **values: Any) -> str:
     """A whole file."""
-    return _TEMPLATES.get_template(template).render(values)
+    return readable(_TEMPLATES.get_template(template).render(values))
 
 
 def _part(name: str, *values: Any) -> Markup:

@@ -69,9 +69,7 @@ class ParametersPanel(Panel):
     def _download(self) -> None:
         view = self.page.view
         rows = parameter_rows(view.parameters[view.current], self.page.session.truth.parameters)
-        ui.download.content(
-            parameters_csv(rows), f"{self.page.session.path.name}_parameters_{view.current}.csv", "text/csv"
-        )
+        ui.download.content(parameters_csv(rows), f"{self.page.session.name}_parameters_{view.current}.csv", "text/csv")
 
     def _choose(self, name: str) -> None:
         record = self.page.session.record

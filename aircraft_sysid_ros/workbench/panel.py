@@ -10,6 +10,7 @@ from markupsafe import escape
 from nicegui import ui
 
 from aircraft_sysid_ros.workbench.views.figure import Figure
+from aircraft_sysid_ros.workbench.views.words import readable
 
 
 class Panel(ABC):
@@ -59,11 +60,11 @@ class Html(ui.html):
     """Markup as the templates make it; plain text is escaped."""
 
     def __init__(self, content: str = "", tag: str = "div") -> None:
-        super().__init__(str(escape(content)), sanitize=False, tag=tag)
+        super().__init__(readable(str(escape(content))), sanitize=False, tag=tag)
 
     def show(self, content: str) -> None:
         """Show other markup."""
-        self.content = str(escape(content))
+        self.content = readable(str(escape(content)))
 
 
 def bring_into_view(element: ui.element) -> None:

@@ -68,5 +68,5 @@ class ResidualsPanel(Panel):
 
     def _download(self) -> None:
         view = self.page.view
-        name = f"{self.page.session.path.name}_coefficients_{view.current}.csv"
+        name = f"{self.page.session.name}_coefficients_{view.current}.csv"
         ui.download.content(coefficients_csv(view.comparison), name, "text/csv")

@@ -37,6 +37,7 @@ from aircraft_sysid_ros.simulation.truth_files import true_values, truth_path
 from aircraft_sysid_ros.workbench.undo import written
 from aircraft_sysid_ros.workbench.views.parameters import ParameterHistory
 from aircraft_sysid_ros.workbench.views.states import StateHistory
+from aircraft_sysid_ros.workbench.views.words import readable
 
 Array = npt.NDArray[np.float64]
 Progress = Callable[[str, float], None]
@@ -167,7 +168,7 @@ def load_run_view(
     if run.samples is None:
         notes.append("the run holds no samples: errors are those of the filter; replay the recording again")
     return RunView(
-        name=str(path),
+        name=_name(path),
         aircraft=run.root.name,
         zero=flights.zero,
         current=run.current.identifier,
@@ -186,6 +187,12 @@ def load_run_view(
         unwritten=unwritten,
         undoable=frozenset(name for name, target in written(run).items() if target.can_be_undone),
     )
+
+
+def _name(path: str | Path) -> str:
+    """The folder as it was given, or where it is if that is no name, such as "."."""
+    place = Path(path)
+    return readable(str(place if place.name.strip(".") else place.resolve()))
 
 
 def _recorded(folder: Path) -> tuple[float | None, list[str]]:

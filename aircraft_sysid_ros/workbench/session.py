@@ -12,6 +12,7 @@ from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.run_reader import AIRCRAFT
 from aircraft_sysid_ros.workbench.calibration_view import CalibrationFolder, newest_of_run
 from aircraft_sysid_ros.workbench.run_view import NO_TRUTH, FlightRecord, RunView, TruthView, signature_of
+from aircraft_sysid_ros.workbench.views.words import readable
 from aircraft_sysid_ros.workbench.worker import (
     ADD,
     CALIBRATE,
@@ -69,6 +70,11 @@ class Session:
         self._thread = threading.Thread(target=self._listen, daemon=True)
         self._thread.start()
         self.start(Job(LOAD))
+
+    @property
+    def name(self) -> str:
+        """Name of the folder, which may have been given as "."."""
+        return readable(self.path.resolve().name)
 
     @property
     def busy(self) -> bool:

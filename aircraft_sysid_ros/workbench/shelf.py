@@ -16,6 +16,7 @@ from aircraft_sysid_ros.errors import InputError, echo, one_line
 from aircraft_sysid_ros.flight_journal import FLIGHT
 from aircraft_sysid_ros.run_reader import AIRCRAFT, PARAMETERS, POINTS, SAMPLES, STATE, UNREADABLE, read_parameters
 from aircraft_sysid_ros.workbench.session import Session
+from aircraft_sysid_ros.workbench.views.words import readable
 
 #: Runs that are open at once: each has a process of its own.
 MOST_OPEN = 4
@@ -53,7 +54,7 @@ class Shelf:
     @property
     def title(self) -> str:
         """Name of the folder, or how many runs there are."""
-        return self.paths[0].resolve().name if len(self.paths) == 1 else f"{len(self.paths)} runs"
+        return readable(self.paths[0].resolve().name) if len(self.paths) == 1 else f"{len(self.paths)} runs"
 
     def wait(self, timeout: float, tell: Callable[[str, float], None] = lambda what, share: None) -> None:
         """Nothing is read before somebody looks at it."""
@@ -63,7 +64,7 @@ class Shelf:
         if len(self.paths) > 1:
             names = [path.resolve().name for path in self.paths]
             return {
-                name if names.count(name) == 1 else str(path): path
+                readable(name if names.count(name) == 1 else str(path)): path
                 for name, path in zip(names, self.paths, strict=True)
             }
         try:
@@ -72,7 +73,7 @@ class Shelf:
             return {}
         runs = [each for each in found if (each / AIRCRAFT).is_file()]
         newest = sorted(runs, key=lambda each: -changed_at(each / PARAMETERS))[:MOST_LISTED]
-        return {each.name: each for each in sorted(newest, key=lambda each: each.name)}
+        return {readable(each.name): each for each in sorted(newest, key=lambda each: each.name)}
 
     def listed(self) -> list[ListedRun]:
         """What is known of every run without opening it."""
@@ -127,7 +128,7 @@ class Shelf:
 def look_at(name: str, folder: Path) -> ListedRun:
     """One run as its small files show it; a sentence where they cannot be read."""
     if (folder / FLIGHT).exists():  # a journal
-        run = folder.name.removesuffix(".flying")
+        run = readable(folder.name.removesuffix(".flying"))
         return ListedRun(
             name, problem=f"is flown now, or was cut off: then aircraft-sysid recover {run} makes it a run"
         )

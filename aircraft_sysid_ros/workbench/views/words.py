@@ -67,6 +67,8 @@ _DRAWN = re.compile(
     r"|\bC_?(?P<axis>[XYZlmn])(?P<by>,(?:alpha|beta|[pqr]|d[aer]))?\b(?!: \[)|\b(?P<thrust>T_c)\b"
     r"|10\^(?P<power>\d+)|(?P<minus>(?<![\w.,)/-])-(?=\d))|(?P<percent>(?<=\d)%)"
 )
+#: What stands for such bytes in Python, and halves of characters.
+_HALVES = re.compile("[\ud800-\udfff]")
 _POWERS = str.maketrans("0123456789", "⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
@@ -97,6 +99,11 @@ def rounded(value: float, std: float) -> tuple[str, str]:
     """A value and its standard error as ``rounded_to_error``, with a true minus."""
     shown, error = rounded_to_error(value, std)
     return shown.replace("-", "−"), error
+
+
+def readable(text: str) -> str:
+    """Text that a browser takes: the name of a folder from an older system may hold bytes that are no UTF-8."""
+    return _HALVES.sub("\N{REPLACEMENT CHARACTER}", text)
 
 
 def percent(share: float) -> str:
