@@ -75,9 +75,10 @@ def _spans(stream: Stream) -> list[tuple[float, float]]:
 def _findings(plot: Any, checked: Checked) -> None:
     plot.axis("off")
     plot.set_title("what was found, the worst first", loc="left", fontsize=10)
-    if not checked.findings:
-        plot.text(0.0, 0.95, nothing_wrong(checked.motion.flight.duration), va="top", transform=plot.transAxes)
-    y = 0.99
+    y, written = 0.99, 0
+    if all(finding.severity == INFO for finding in checked.findings):
+        plot.text(0.0, y, nothing_wrong(checked.motion.flight.duration), va="top", transform=plot.transAxes)
+        y -= 0.08
     for finding in checked.findings[:_FINDINGS]:
         text = f"{finding.severity}, {finding.kind}: {short_names(finding.signals)}: {finding.sentence}"
         lines = textwrap.wrap(text, _LETTERS)
@@ -86,10 +87,11 @@ def _findings(plot: Any, checked: Checked) -> None:
             transform=plot.transAxes,
         )  # fmt: skip
         y -= 0.036 * len(lines) + 0.022
+        written += 1
         if y < 0.05:
             break
-    if len(checked.findings) > _FINDINGS:
-        more = f"and {len(checked.findings) - _FINDINGS} more, see the answer of the command"
+    if len(checked.findings) > written:
+        more = f"and {len(checked.findings) - written} more, see the answer of the command"
         plot.text(0.0, max(y, 0.0), more, va="top", fontsize=7.5, transform=plot.transAxes)
 
 
