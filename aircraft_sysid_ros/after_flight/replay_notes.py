@@ -84,6 +84,7 @@ def notes(body: Body, pipeline: Pipeline, writer: RunWriter) -> list[str]:
     found += absences(pipeline.state, names) + noise_notes(pipeline.state)
     found += delay_notes(pipeline.parameters) + prior_notes(pipeline.parameters)
     found += gap_notes(recording.samples, names) + air_data_notes(recording) + control_notes(recording.samples)
+    found += late_control_notes(recording.samples, pipeline.parameters)
     return found + flight_notes(pipeline.state, pipeline.parameters)
 
 
@@ -440,6 +441,13 @@ def control_notes(samples: Samples) -> list[str]:
         if part > 0.01
     ]
     return units + [text] * (share > 0.01)
+
+
+def late_control_notes(samples: Samples, parameters: Identifier) -> list[str]:
+    """What the second step alone hears and could not use, since it came too late."""
+    count = int(np.sum(np.isin(samples.kind, (Kind.CONTROLS, Kind.INPUTS, Kind.HEIGHT))))
+    share = parameters.late / max(count, 1)
+    return [f"{100 * share:.0f} % of the samples of controls, inputs and heights were late"] * (share > 0.01)
 
 
 def why_no_start(state: StateEstimator) -> str:

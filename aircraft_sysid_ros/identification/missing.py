@@ -15,6 +15,7 @@ from aircraft_sysid_ros.identification.coefficients.pace import (
     SPARSEST_CONTROLS,
     Pace,
     stamped_behind,
+    too_late,
     too_slow,
 )
 from aircraft_sysid_ros.identification.conditions import CONTROL_SIGNALS, LearntConditions, listed, needs
@@ -46,8 +47,9 @@ class Missing(NamedTuple):
         needed, unseen = self.conditions.signals_of(self.model, axis)
         controls = [name for name in needed if name in CONTROL_SIGNALS]
         nothing = self.newest is not None and not updates
-        if controls and nothing and (behind := self.pace_of_controls.behind) > LONGEST_WAIT:
-            return f"needs {listed(controls)}, {stamped_behind(behind)}"
+        if controls and nothing and (behind := self.pace_of_controls.behind) > 0.0:
+            late = stamped_behind(behind) if behind > LONGEST_WAIT else too_late(behind)
+            return f"needs {listed(controls)}, {late}"
         never = self.pace.is_sparse or (nothing and {*unseen} & CONTROL_SIGNALS)
         if controls and never and (apart := self.pace_of_controls.shown) > SPARSEST_CONTROLS:
             if np.isinf(apart):

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from aircraft_sysid_ros.after_flight import replay_notes
-from aircraft_sysid_ros.after_flight.replay_notes import length_notes, mass_notes, thrust_notes
+from aircraft_sysid_ros.after_flight.replay_notes import late_control_notes, length_notes, mass_notes, thrust_notes
 from aircraft_sysid_ros.aircraft.aerodynamic_model import model_from_terms
 from aircraft_sysid_ros.samples import Kind, samples_of
 
@@ -38,6 +38,14 @@ def test_a_recorded_mass_that_is_not_the_file_s_is_told_with_the_inertia_that_st
     assert "inertia" not in note
     masses[:, 0] = 1.01 * aircraft.mass
     assert mass_notes(samples_of(Kind.MASS, np.arange(50), masses), aircraft) == []
+
+
+def test_controls_that_were_late_are_told():
+    """A replay lost a fifth of them without a word."""
+    samples = samples_of(Kind.CONTROLS, np.arange(50), np.zeros((50, 7)))
+    (note,) = late_control_notes(samples, SimpleNamespace(late=10))
+    assert "20 %" in note and "late" in note
+    assert late_control_notes(samples, SimpleNamespace(late=0)) == []
 
 
 @pytest.mark.parametrize(("throttle", "thrust"), [(0.6, 4.0), (np.nan, np.nan), (0.0, np.nan)])

@@ -75,3 +75,16 @@ def test_controls_by_another_clock_are_said_to_be(aircraft, flight) -> None:
     reasons = {p.name: p.reason for p in pipeline.parameters.snapshot().parameters}
     assert "needs de, whose stamps are" in reasons["Cm_de"] and "stamp all by one clock" in reasons["Cm_de"]
     assert pipeline.parameters.stream.controls.pace.behind > 1e6
+
+
+def test_controls_that_all_come_too_late_are_said_to_come(aircraft, flight) -> None:
+    """Three seconds behind the IMU they were "not measured: record it"."""
+    behind = flight.stamp - np.where(flight.kind == Kind.CONTROLS, 3 * 10**9, 0)
+    pipeline = Pipeline(aircraft)
+    for at in range(0, len(flight), 500):
+        pipeline.push(replace(flight, stamp=behind)[at : at + 500])
+    pipeline.flush()
+    reasons = {p.name: p.reason for p in pipeline.parameters.snapshot().parameters}
+    assert "needs de, whose samples come" in reasons["Cm_de"] and "too late to be used" in reasons["Cm_de"]
+    waited = 3.0 - pipeline.state.options.horizon - pipeline.parameters.options.settle
+    assert pipeline.parameters.stream.controls.pace.behind == pytest.approx(waited, abs=0.05)

@@ -46,6 +46,14 @@ def stamped_behind(seconds: float) -> str:
     return f"whose stamps are {seconds:.3g} s behind those of the IMU: stamp all by one clock"
 
 
+def too_late(seconds: float) -> str:
+    """What is said of samples that all come too late to be used, by so much [s] at least; a longer wait may help."""
+    return (
+        f"whose samples come {seconds:.2g} s too late to be used, or more: stamp all by one clock, and where the "
+        "stamps are right choose a longer horizon"
+    )
+
+
 def too_slow(rate: float) -> str:
     """What is said of an IMU at ``rate`` [Hz] from which nothing can be learnt."""
     return f"the IMU comes at {rate:.2g} Hz: derivatives need at least {LOWEST_RATE:g} Hz"
