@@ -24,6 +24,7 @@ from aircraft_sysid_ros.export.from_run import learnt_model
 from aircraft_sysid_ros.export.learnt_model import LearntModel, range_words
 from aircraft_sysid_ros.export.targets import TARGETS, Target, reached, version_of
 from aircraft_sysid_ros.identification.trust import Trust
+from aircraft_sysid_ros.samples import Kind
 from aircraft_sysid_ros.text_file import write_new, write_whole
 
 _FULL = "degrees of elevator, aileron and rudder at full command, such as 25,20,30"
@@ -31,6 +32,8 @@ _LARGEST_DEFLECTION = 90.0  # [deg]
 
 #: A surface goes no further than at full command, times this.
 _OVER = 1.25
+#: Mass and inertia that differ by less are the same.
+_SAME_MASS = 0.005
 
 
 def add_parser(subparsers: Any) -> argparse.ArgumentParser:
@@ -127,9 +130,28 @@ def notes_on(opened: Run, learnt: LearntModel) -> list[str]:
         notes.append(f"not to be used by the run's own judgement, and exported all the same: {' '.join(doubtful)}")
     if unknown:
         notes.append(f"not known, so without their terms: {' '.join(unknown)}")
+    notes += _mass_notes(opened, learnt)
     if settings_of(learnt.aircraft) != settings_of(opened.root):
         notes.append("ranges are those of the run as it was replayed, before the settings of this version")
     return notes
+
+
+def _mass_notes(opened: Run, learnt: LearntModel) -> list[str]:
+    """That a recording has had other mass properties than the aircraft file says."""
+    mine, filed = learnt.aircraft, opened.root
+    same = np.isclose(mine.mass, filed.mass, rtol=_SAME_MASS) and np.allclose(
+        mine.inertia, filed.inertia, rtol=_SAME_MASS
+    )
+    recorded = [] if opened.samples is None else opened.samples.values[opened.samples.kind == Kind.MASS, 0]
+    known = [mass for mass in recorded if np.isfinite(mass)]
+    changes = bool(known) and max(known) > (1.0 + _SAME_MASS) * min(known)
+    if same and not changes:
+        return []
+    middle = f", the middle of {min(known):.4g} to {max(known):.4g} kg" if changes else ""
+    return [
+        f"mass and inertia are those of the recording, {mine.mass:.4g} kg{middle}, and not those of the aircraft file, "
+        f"{filed.mass:.4g} kg"
+    ]
 
 
 def late_of(opened: Run, learnt: LearntModel) -> str:

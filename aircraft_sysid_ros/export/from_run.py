@@ -11,12 +11,16 @@ from aircraft_sysid_ros.aircraft.signals import SIGNAL_COUNT
 from aircraft_sysid_ros.diagnosis.model_versions.versions import Run, Version, folder_of
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.export.learnt_model import LearntModel, Parameter
+from aircraft_sysid_ros.identification.coefficients.as_loaded import as_loaded
 from aircraft_sysid_ros.identification.trust import Trust
 from aircraft_sysid_ros.run_reader import PARAMETERS, POINTS, UNREADABLE, not_a_run, read_parameters, read_points
 
 
 def learnt_model(run: Run, version: Version) -> LearntModel:
-    """Raises InputError where the run is damaged, holds nothing to use, or is of another model."""
+    """Its aircraft has the mass properties of the recording, where that has some, as its coefficients have.
+
+    Raises InputError where the run is damaged, holds nothing to use, or is of another model.
+    """
     model = version.aircraft.model
     try:
         listed, points = read_parameters(folder_of(run, version)), read_points(run.path)
@@ -44,7 +48,7 @@ def learnt_model(run: Run, version: Version) -> LearntModel:
     rows = np.full((int(learnt.sum()), SIGNAL_COUNT), np.nan)
     rows[:, : len(model.signal_names)] = points["signals"][learnt]
     step = float(np.median(np.diff(points["stamp"]))) * 1e-9
-    return LearntModel(version.aircraft, version.identifier, parameters, rows, step)
+    return LearntModel(as_loaded(version.aircraft, run.samples), version.identifier, parameters, rows, step)
 
 
 def _parameter(name: str, content: dict[str, Any]) -> Parameter:

@@ -42,7 +42,7 @@ from aircraft_sysid_ros.reconstruction.state import contradiction_text
 from aircraft_sysid_ros.recordings.reader import read_recording
 from aircraft_sysid_ros.recordings.writer import RecordingWriter
 from aircraft_sysid_ros.ros_messages.conversion import TOPICS
-from aircraft_sysid_ros.samples import Kind
+from aircraft_sysid_ros.samples import Kind, samples_of
 from aircraft_sysid_ros.simulation.calibration_flight import calibration_flight
 from aircraft_sysid_ros.workbench import explain_page
 
@@ -290,6 +290,20 @@ def test_of_axes_of_which_the_model_lacks_something_nothing_is_stated(learnt, ai
     modes = {mode.name: mode for mode in known_modes(some)}
     assert {name for name, mode in modes.items() if mode.reason} == {"short period", "phugoid"}
     assert apparent_mass(Learnt(learnt[1], used, lacking={"CX": "icing"})) is None
+
+
+def test_a_recorded_mass_counts_and_not_that_of_the_file(learnt, aircraft):
+    """Coefficients were those of the recorded mass, and what followed from them was that of the file's."""
+    used, inertia = {name: ("USE", "") for name in aircraft.model.parameter_names}, aircraft.inertia
+    recorded = [1.2 * aircraft.mass, *(1.5 * np.diag(inertia)), -1.5 * inertia[0, 2]]
+    own, heavy = (Learnt(learnt[1], used, samples=samples) for samples in (None, samples_of(Kind.MASS, 0, recorded)))
+    assert apparent_mass(heavy)[0] == pytest.approx(1.2 * apparent_mass(own)[0])
+    power = [next(fact.value for fact in facts_of(each) if fact.key == "elevator") for each in (own, heavy)]
+    assert power[0] == pytest.approx(1.5 * power[1])
+    roll = [next(mode.time_constant for mode in known_modes(each) if mode.name == "roll") for each in (own, heavy)]
+    assert roll[1] == pytest.approx(1.5 * roll[0], rel=0.05)
+    (said,) = what_matters(Evidence(check_json(), **USED, mass=(2.4, 2.0, 0.02), states_mass="the recording"))
+    assert "and the recording says 2.4 kg" in said.sentence
 
 
 @pytest.mark.parametrize(("kind", "after", "axes"), [("change in flight", 0.1, ["Cl", "Cm"]), ("measurement", 0.1, []),

@@ -48,6 +48,8 @@ from aircraft_sysid_ros.flight_model.modes import (
     modes_of,
     steady_flight,
 )
+from aircraft_sysid_ros.identification.coefficients.as_loaded import as_loaded
+from aircraft_sysid_ros.samples import Samples
 
 Array = npt.NDArray[np.float64]
 Verdicts = Mapping[str, tuple[str, str]]
@@ -167,15 +169,16 @@ class Learnt:
         verdicts: Verdicts,
         estimates: Mapping[str, tuple[float, float]] | None = None,
         lacking: Mapping[str, str] | None = None,
+        samples: Samples | None = None,
     ) -> None:
         """``verdicts``: status and reason by name, ``estimates``: value and standard error, as in parameters.json;
-        ``lacking``: what the model lacks, in words, by axis.
+        ``lacking``: what the model lacks, in words, by axis; ``samples`` may hold other mass properties than the file.
         """
         lacks = (lacking or {}).items()
         self.lacking = {axis: f"the model of {axis[0]}_{axis[1]} lacks {words}: add it" for axis, words in lacks}
         estimates = estimates or {}
         self.flight = comparison.flight
-        self.aircraft: Aircraft = comparison.flight.aircraft
+        self.aircraft: Aircraft = as_loaded(comparison.flight.aircraft, samples)
         self.model = self.aircraft.model
         names = self.model.parameter_names
         self.values = np.zeros(len(names))
@@ -365,7 +368,8 @@ def _stall(learnt: Learnt, onset: float | None) -> list[Fact]:
 def apparent_mass(learnt: Learnt) -> tuple[float, float] | None:
     """Mass [kg] by which the measured thrust accelerates the aeroplane, and its standard deviation; None: not known.
 
-    With T_c = T / (q̄ S) the derivative of C_X = m A_x / (q̄ S) by it is m_file / m, for thrust along the body.
+    With T_c = T / (q̄ S) the derivative of C_X = m A_x / (q̄ S) by it is its m over the true one, for thrust along the
+    body.
     """
     row = learnt.row("CX", "Tc")
     if "CX" in learnt.lacking or learnt.why_unknown(("CX", "Tc")) or not np.isfinite(learnt.flight.signal("Tc")).any():

@@ -172,16 +172,20 @@ def _explained(
     tell("put it into words", 0.97)
     learnt = None
     if compared is not None:
-        learnt = Learnt(compared.comparison, *_learnt_in_flight(place / RUN), _lacking(diagnosis))
+        known = _learnt_in_flight(place / RUN)
+        learnt = Learnt(compared.comparison, *known, _lacking(diagnosis), compared.run.samples)
     instruments = _instruments(compared, diagnosis)
     facts = [] if learnt is None else facts_of(learnt, _stall_onset(diagnosis))
     modes = [] if learnt is None else known_modes(learnt)
     weighed = None if learnt is None else apparent_mass(learnt)
-    mass = None if weighed is None else (float(aircraft.mass), *weighed)
+    mass = None if learnt is None or weighed is None else (float(learnt.aircraft.mass), *weighed)
     checks = _with_flight(_of_motion(checked), replayed, instruments)
     broken = NOT_FINISHED if NOT_FINISHED in checked.notes else ""
     late = late_surfaces_of(place / RUN)
-    evidence = Evidence(checks, _used(replayed), instruments, diagnosis, facts, options.calm_air, mass, broken, late)
+    states = "the aircraft file" if mass is None or mass[0] == aircraft.mass else "the recording"
+    evidence = Evidence(
+        checks, _used(replayed), instruments, diagnosis, facts, options.calm_air, mass, broken, late, states
+    )
     notes += [] if compared is None else compared.notes
     notes += [] if diagnosis is None else diagnosis["notes"]
     return Explanation(

@@ -56,10 +56,11 @@ class Evidence:
     diagnosis: Mapping[str, Any] | None = None
     facts: Sequence[Fact] = ()
     calm_air: bool = False  # whether the speed over ground stood for the airspeed
-    mass: tuple[float, float, float] | None = None  # of the file, by the thrust, and its standard deviation [kg]
+    mass: tuple[float, float, float] | None = None  # as stated, by the thrust, and its standard deviation [kg]
     broken: str = ""  # that the recorder did not finish the log, in words
     #: Delay or lag [s] of the surfaces that the flight has shown, with one sigma, where the aircraft file says neither.
     late: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    states_mass: str = "the aircraft file"  # or the recording, where it has one
 
 
 def what_matters(evidence: Evidence) -> list[Said]:
@@ -252,9 +253,9 @@ def _mass(evidence: Evidence) -> Iterator[Said]:
     stated, shown, std = evidence.mass
     if abs(shown - stated) > max(LEAST_MASS * stated, SURE_MASS * std):
         yield Said(
-            "mass", f"The recorded thrust moves the aeroplane as if its mass were {shown:.3g} ± {std:.2g} kg, and the "
-            f"aircraft file says {stated:.3g} kg: the mass or the thrust is wrong, and every force coefficient with "
-            "it.",
+            "mass", f"The recorded thrust moves the aeroplane as if its mass were {shown:.3g} ± {std:.2g} kg, and "
+            f"{evidence.states_mass} says {stated:.3g} kg: the mass or the thrust is wrong, and every force "
+            "coefficient with it.",
         )  # fmt: skip
 
 
