@@ -83,8 +83,13 @@ def _date(start: int | None) -> str:
 def _change(row: Mapping[str, Any], airframes: Iterable[Mapping[str, Any]]) -> dict[str, Any]:
     of = (row["airframe"], row["parameter"])
     mean = next((a["value"] for a in airframes if (a["airframe"], a["parameter"]) == of), 0.0)
-    share = f"{100.0 * row['size'] / mean:+.2g} %".replace("-", "−") if mean else "–"
+    share = f"{_two_digits(100.0 * row['size'] / mean)} %".replace("-", "−") if mean else "–"
     return {**row, "date": _date(row["when"]), "share": share}
+
+
+def _two_digits(value: float) -> str:
+    """Two significant digits with a sign, without an exponent from 100 on."""
+    return f"{value:+.2g}" if abs(value) < 99.5 else f"{float(f'{value:.2g}'):+.0f}"
 
 
 def _row(flown: Flown, anchor: str) -> dict[str, Any]:
@@ -211,7 +216,7 @@ def _scatter(series: Series) -> float:
 
 
 def _said(change: Mapping[str, Any]) -> str:
-    size = f"{change['size']:+.2g}".replace("-", "−")
+    size = _two_digits(change["size"]).replace("-", "−")
     return f"drifts by {size} per flight" if change["kind"] == "drift" else f"jumps by {size} from {change['flight']}"
 
 

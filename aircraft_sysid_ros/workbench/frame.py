@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from nicegui import ui
+from nicegui import events, ui
 
 from aircraft_sysid_ros.workbench import markup
 from aircraft_sysid_ros.workbench.panel import Html, Panel
@@ -18,6 +18,8 @@ STYLE = Path(__file__).with_name("style.css")
 _SCRIPT = Path(__file__).with_name("frame.js").read_text(encoding="utf8")
 #: Time [s] between looks at the session.
 POLL = 0.25
+#: Help of pages with plots over time.
+POINT = {"Point at a time plot": "draws a line through all of them, with the values there; on a phone, tap"}
 _REMEMBER_THEME = "document.cookie = 'theme={}; path=/; max-age=31536000; samesite=strict'"
 #: A figure whose view is left is told of its new size when it is gone already, which plotly.js calls an error.
 _QUIET = """<script>
@@ -67,6 +69,7 @@ class Frame(ABC):
         if theme not in ("light", "dark"):
             ui.timer(0.1, self._adopt_theme, once=True)
         ui.on("system-theme", lambda event: self._follow_system(bool(event.args)))
+        ui.keyboard(self._pressed, ignore=["input", "select", "textarea"])
 
     # -- what a page adds ------------------------------------------------------------------------------------
 
@@ -114,8 +117,6 @@ class Frame(ABC):
     def help(self) -> dict[str, str]:
         """What can be done on the page, and how."""
         return {
-            "Drag in a time plot": "zooms; a double click shows everything again",
-            "Point at a time plot": "draws a line through all of them, with the values there; on a phone, tap",
             "Camera under a figure": "saves it as SVG",
             "◐": "light or dark",
             "?": "this help",
@@ -129,6 +130,15 @@ class Frame(ABC):
             ui.button("Close", on_click=dialog.close).props("unelevated")
         dialog.on_value_change(lambda event: None if event.value else dialog.delete())
         dialog.open()
+
+    def key(self, name: str) -> None:
+        """A key was pressed, by its name."""
+        if name == "?":
+            self.show_help()
+
+    def _pressed(self, event: events.KeyEventArguments) -> None:
+        if event.action.keydown and not (event.modifiers.ctrl or event.modifiers.alt or event.modifiers.meta):
+            self.key(event.key.name or "")
 
     def header_extras(self) -> None:  # noqa: B027  a page may have none
         """More elements of the header."""

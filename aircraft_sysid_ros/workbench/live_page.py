@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from aircraft_sysid_ros.workbench import markup
-from aircraft_sysid_ros.workbench.frame import Frame
+from aircraft_sysid_ros.workbench.frame import POINT, Frame
 from aircraft_sysid_ros.workbench.live_panels import (
     LiveModelPanel,
     LivePanel,
@@ -33,6 +33,10 @@ class LivePage(Frame):
     def allowed(self) -> bool:
         """Whether the node can be asked for a change now."""
         return self.session.flight.is_there and self.session.job is None
+
+    def help(self) -> dict[str, str]:
+        """Its time plots slide by themselves."""
+        return {**POINT, **super().help()}
 
     def follow(self) -> None:
         """Show what the session holds now; of the views only the one that is looked at."""

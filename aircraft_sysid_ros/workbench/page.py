@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from nicegui import events, ui
+from nicegui import ui
 
 from aircraft_sysid_ros.diagnosis.compare import Comparison
 from aircraft_sysid_ros.workbench import markup
 from aircraft_sysid_ros.workbench.calibration_panel import CalibratePanel
 from aircraft_sysid_ros.workbench.calibration_view import CalibrationFolder
-from aircraft_sysid_ros.workbench.frame import Frame
+from aircraft_sysid_ros.workbench.frame import POINT, Frame
 from aircraft_sysid_ros.workbench.model_panel import ModelPanel
 from aircraft_sysid_ros.workbench.other_panels import ParametersPanel, StatePanel
 from aircraft_sysid_ros.workbench.panel import Panel
@@ -33,7 +33,6 @@ class Page(Frame):
         self._seen, self._view, self._record = -1, session.view, session.record
         self._held: set[str] = set()
         super().__init__(session, theme)
-        ui.keyboard(self._key, ignore=["input", "select", "textarea"])
 
     @property
     def name(self) -> str:
@@ -92,6 +91,8 @@ class Page(Frame):
             "Versions": "what each is called, and two of them, or two flights, side by side",
             "Parameters, Calibration": "refine by maximum likelihood, and calibrate sensors, from this run; "
             "Undo brings back what was there before",
+            "Drag in a time plot": "zooms; a double click shows everything again",
+            **POINT,
             **super().help(),
         }
 
@@ -172,11 +173,8 @@ class Page(Frame):
         self._notice_text.show(f"{what[:1].upper()}{what[1:]} · {self.session.elapsed:.0f} s")
         self._bar.value = max(told.share, 0.02)
 
-    def _key(self, event: events.KeyEventArguments) -> None:
+    def key(self, name: str) -> None:
         """Arrows move the window of time, plus and minus change it, 0 shows all."""
-        if not event.action.keydown or event.modifiers.ctrl or event.modifiers.alt or event.modifiers.meta:
-            return
-        if event.key.name == "?":
-            self.show_help()
-        elif self.tabs.value == "Model":
-            self._model.key(event.key.name or "")
+        super().key(name)
+        if self.tabs.value == "Model":
+            self._model.key(name)

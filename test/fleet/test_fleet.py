@@ -20,7 +20,7 @@ from aircraft_sysid_ros.fleet.changes import Series
 from aircraft_sysid_ros.fleet.fleet import Asked, fly_fleet
 from aircraft_sysid_ros.fleet.flight_task import Options
 from aircraft_sysid_ros.fleet.flights import Files
-from aircraft_sysid_ros.fleet.page import _Scale, _scatter
+from aircraft_sysid_ros.fleet.page import _change, _Scale, _scatter
 from aircraft_sysid_ros.fleet.results import Results
 
 DAY = 86_400 * 10**9
@@ -399,3 +399,12 @@ def test_values_that_scatter_beyond_their_errors_are_told_from_those_that_do_not
     assert 0.7 < _scatter(Series(np.arange(40), values, std, std)) < 1.3
     assert _scatter(Series(np.arange(40), values, 0.1 * std, std)) > 7.0
     assert _scatter(Series(np.arange(2), np.array([0.0, 9.0]), np.ones(2), np.ones(2))) == 0.0
+
+
+@pytest.mark.parametrize(
+    ("size", "share"), [(0.5, "+50 %"), (-1.234, "−120 %"), (0.9961, "+100 %"), (0.0123, "+1.2 %")]
+)
+def test_a_change_beyond_its_value_is_a_number_of_percent(size, share) -> None:
+    """It was "+1.2e+02 %"."""
+    row = {"airframe": "a", "parameter": "Cm_q", "size": size, "when": None}
+    assert _change(row, [{"airframe": "a", "parameter": "Cm_q", "value": 1.0}])["share"] == share

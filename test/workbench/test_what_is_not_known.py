@@ -1,0 +1,42 @@
+"""What is not known is said in words and not as a number that is none; what does nothing is not offered."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from aircraft_sysid_ros.workbench import markup
+from aircraft_sysid_ros.workbench.calibration_panel import CalibrationPage
+from aircraft_sysid_ros.workbench.live_page import LivePage
+from aircraft_sysid_ros.workbench.page import Page
+from aircraft_sysid_ros.workbench.shelf_page import ShelfPage
+from aircraft_sysid_ros.workbench.views.coefficients import NO_DATA, AxisRow
+from aircraft_sysid_ros.workbench.views.history import VersionRow
+
+WHY = "CY cannot be fitted: it needs dr"
+
+
+def test_a_wind_that_is_not_estimated_in_flight_is_no_number() -> None:
+    """The page of a flight without GPS showed "nan ± –"."""
+    std = np.full(18, 0.01)
+    std[15:] = np.nan
+    state = {"status_text": "", "standard_deviations": std.tolist(), "wind_ned": [np.nan] * 3}
+    table = markup.state_table({**state, "accelerometer_bias": [0.1] * 3, "gyro_bias": [0.2] * 3})
+    assert "nan" not in table and table.count("not known") == 3 and "0.100" in table
+
+
+@pytest.mark.parametrize("is_first", [True, False])
+def test_an_axis_that_one_version_cannot_fit_says_why_on_either_side(is_first) -> None:
+    """With the version that cannot fit it at the right the row was empty."""
+    without = AxisRow("CY", "side force", None, None, None, NO_DATA, WHY)
+    fitted = AxisRow("CY", "side force", 0.1, 0.1, 0.05, "only noise")
+    rows = [VersionRow(name, "as it was", (), False, (axis,)) for name, axis in (("a", without), ("b", fitted))]
+    table = markup.errors_beside(*(rows if is_first else rows[::-1]))
+    assert "it needs dr" in table
+
+
+def test_only_plots_that_zoom_are_said_to() -> None:
+    """Those of a flight in progress slide by themselves; a list of runs has none."""
+    helps = {page: page.help(object.__new__(page)) for page in (Page, LivePage, ShelfPage, CalibrationPage)}
+    assert [page for page, said in helps.items() if any(what.startswith("Drag") for what in said)] == [Page]
+    assert [page for page, said in helps.items() if any(what.startswith("Point") for what in said)] == [Page, LivePage]
