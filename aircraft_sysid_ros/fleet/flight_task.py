@@ -42,6 +42,8 @@ _CONDITION = ("V", "alpha")
 _BLOCK = 1 << 20
 #: In the folder of a flight: its run, and what a log was imported to.
 _RUN, _IMPORTED = "run", "recording"
+#: In a run that is kept: the key of the answer that it belongs to.
+_KEY = "fleet.key"
 #: How calm air is asked for here.
 _CALM_AIR = "fly the fleet with --calm-air, or say calm_air: true of it in a list"
 #: Folders of the program that have no part in an answer.
@@ -163,8 +165,7 @@ def _answer_of(job: Job, folder: Path) -> Answer:
     answer["sensors"] = sensor_errors(load_aircraft(run / AIRCRAFT), read_samples(run), read_state(run))
     reasons.append(_why_unused(read_parameters(run)))
     answer["reason"] = "; ".join(filter(None, reasons))
-    if job.keep is not None:
-        _keep(run, job.keep)
+    keep_run(run, job)
     answer["cpu"] = _cpu() - began  # what the flight costs; in no table, since it is never twice the same
     return answer
 
@@ -267,8 +268,11 @@ def _diagnosis(run: Path, replicas: int) -> dict[str, Any]:
     return {**shown, "candidates": candidates}
 
 
-def _keep(run: Path, place: Path) -> None:
-    """Move the run to its place; one that is there goes."""
+def keep_run(run: Path, job: Job) -> None:
+    """Move the run to where the job keeps it, with the key of its answer in it; one that is there goes."""
+    if (place := job.keep) is None:
+        return
+    (run / _KEY).write_text(job.key, encoding="utf8")
     place.parent.mkdir(parents=True, exist_ok=True)
     beside = place.with_name(f".{place.name}.new")
     for old in (beside, place):
@@ -277,3 +281,11 @@ def _keep(run: Path, place: Path) -> None:
         if old is beside:
             shutil.move(run, beside)
     beside.rename(place)
+
+
+def is_kept(job: Job) -> bool:
+    """Whether the run of the job is where it shall stay: not that of another flight, or by another aircraft file."""
+    try:
+        return job.keep is None or (job.keep / _KEY).read_text(encoding="utf8") == job.key
+    except (OSError, UnicodeDecodeError):
+        return False

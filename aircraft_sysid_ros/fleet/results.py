@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from aircraft_sysid_ros.errors import InputError
-from aircraft_sysid_ros.fleet.flight_task import Answer, Job
+from aircraft_sysid_ros.fleet.flight_task import Answer, Job, is_kept
 from aircraft_sysid_ros.json_text import json_text
 from aircraft_sysid_ros.text_file import write_whole
 
@@ -70,7 +70,9 @@ class Results:
         return self.out / FOLDER / key[:_DIGITS] / f"{key}.json"
 
     def known(self, job: Job, time_limit: float) -> Answer | None:
-        """The answer to a job, None where it is still to fly: also where its run shall stay and is not there."""
+        """The answer to a job, None where it is still to fly: also where its run shall stay, and is not there or is
+        that of another one.
+        """
         try:
             answer: Answer = json.loads(self._path(job.key).read_text(encoding="utf8"))
             limit = answer.get("time_limit")
@@ -79,7 +81,7 @@ class Results:
             return None
         if not has_answer or (limit is not None and time_limit > limit):
             return None
-        return None if answer["ok"] and job.keep is not None and not job.keep.is_dir() else answer
+        return None if answer["ok"] and not is_kept(job) else answer
 
     def keep(self, key: str, answer: dict[str, Any]) -> None:
         """Write one answer. Raises OSError."""

@@ -336,6 +336,32 @@ def test_a_fleet_that_never_began_leaves_nothing(place, flown, monkeypatch):
     assert (place / "out" / "fleet.html").exists() and len([*(place / "out" / "results").glob("*/*.json")]) == 20
 
 
+def test_a_run_that_is_kept_is_that_of_its_answer(tmp_path):
+    """With --runs, runs/NAME was left where another flight had had the name, or the same one by another aircraft file:
+    tables and run were then of two flights.
+    """
+    from aircraft_sysid_ros.fleet import flight_task
+
+    def job(key, name):
+        return flight_task.Job(key, tmp_path / "1.mcap", False, tmp_path, Options(0), "", tmp_path / "runs" / name)
+
+    def keep(job):
+        run = tmp_path / "work"
+        run.mkdir()
+        (run / "of").write_text(job.key)
+        flight_task.keep_run(run, job)
+
+    results = Results(tmp_path / "out")
+    for key in ("one", "two"):
+        results.keep(key, {"ok": True})
+    keep(job("one", "a"))
+    assert results.known(job("one", "a"), 60.0) and results.known(job("two", "a"), 60.0) is None
+    assert results.known(job("one", "b"), 60.0) is None, "it has another name now"
+    keep(job("two", "a"))
+    assert (tmp_path / "runs" / "a" / "of").read_text() == "two"
+    assert results.known(job("two", "a"), 60.0) and results.known(job("one", "a"), 60.0) is None
+
+
 def test_a_flight_of_which_nothing_is_to_use_says_why():
     from aircraft_sysid_ros.fleet.flight_task import _why_unused
 
