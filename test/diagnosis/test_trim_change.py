@@ -12,7 +12,8 @@ from aircraft_sysid_ros.aircraft.signals import SIGNAL_INDEX, SIGNALS
 from aircraft_sysid_ros.diagnosis.finding import Finding
 from aircraft_sysid_ros.diagnosis.flight.flight_data import FlightData
 from aircraft_sysid_ros.diagnosis.search.evaluator import CandidateEvaluator
-from aircraft_sysid_ros.diagnosis.trim.trim_change import trim_change
+from aircraft_sysid_ros.diagnosis.trim import trim_change as trim_change_module
+from aircraft_sysid_ros.diagnosis.trim.trim_change import _Search, _wandering, trim_change
 from aircraft_sysid_ros.diagnosis.trim.trim_finding import trim_finding
 from aircraft_sysid_ros.effects import BY_ID
 
@@ -96,6 +97,24 @@ def test_what_changes_lift_as_well_are_flaps_that_nobody_recorded(aircraft):
 @pytest.mark.long
 def test_a_trim_that_follows_speed_and_time_and_wanders_is_no_change(aircraft):
     assert [trim_finding(flight_of(aircraft, seed)) for seed in range(20, 36)] == [None] * 16
+
+
+def test_chance_is_as_rare_as_it_is_said_to_be_of_a_trim_that_wanders_slowly(monkeypatch):
+    """What is fitted beside hides the slowest part: a p-value of 5 % had been that of every second such flight."""
+    monkeypatch.setattr(trim_change_module, "_SERIES", 99)
+    random, number = np.random.default_rng(7), np.arange(60)
+    speed = np.repeat(random.normal(size=12), 5) + 0.1 * random.normal(size=60)
+    beside = np.linalg.qr(np.column_stack([np.ones(60), number, speed, random.normal(size=(60, 2))]))[0]
+    search, surprising = _Search(beside, np.ones(60)), 0
+    for _ in range(40):
+        wander = np.empty(60)
+        wander[0] = random.normal()
+        for k in number[1:]:
+            wander[k] = 0.95 * wander[k - 1] + np.sqrt(1.0 - 0.95**2) * random.normal()
+        left = wander - beside @ (beside.T @ wander)
+        gains = [search.best(series).gain for series in _wandering(left, beside, number)]
+        surprising += np.mean(np.array(gains) >= search.best(left).gain) < 0.05
+    assert surprising <= 6  # 2 are expected, and more than 6 in one of 300 such tests
 
 
 def test_without_manoeuvres_or_in_a_short_flight_nothing_is_said(aircraft):

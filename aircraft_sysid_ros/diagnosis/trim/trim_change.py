@@ -40,6 +40,8 @@ _EXCITED, _LEAST_BLOCKS = 4.0, 4
 _KNOWN = 10.0
 #: Series that say what chance does, and their seed.
 _SERIES, _SEED = 399, 0
+#: Their largest correlation from window to window, and how often the room for it is halved.
+_MOST_CORRELATED, _HALVINGS = 0.995, 8
 #: What trims an aeroplane slowly and has a number of its own, whatever the model says.
 _BESIDE = ("time", "V", "Tc", "flaps")
 #: Standard errors, with the correlation in time, from which another axis is said to have changed at the same moments,
@@ -343,13 +345,28 @@ def _independent(left: Array, number: Integers) -> float:
 
 
 def _wandering(left: Array, beside: Array, number: Integers) -> list[Array]:
-    """Series (k,) with the correlation of what is left, of which nothing changed: autoregressive, of order one."""
+    """Series (k,) with the correlation of what is left, of which nothing changed: autoregressive, of order one.
+
+    What is fitted beside takes the slowest part of a series away, and a short one shows less of its correlation: theirs
+    is the one with which they show as much, on average, once the same is fitted beside them.
+    """
+    noise = np.random.default_rng(_SEED).standard_normal((_SERIES, int(number[-1] - number[0]) + 1))
+    shown, low, high = _correlation(left, number), 0.0, _MOST_CORRELATED
+    for _ in range(_HALVINGS):
+        middle = 0.5 * (low + high)
+        series = _correlated(middle, noise, beside, number)
+        less = float(np.mean([_correlation(one, number) for one in series])) < shown
+        low, high = (middle, high) if less else (low, middle)
+    return _correlated(high, noise, beside, number)
+
+
+def _correlated(rho: float, noise: Array, beside: Array, number: Integers) -> list[Array]:
+    """Autoregressive series (k,) of white noise (m, …), without what orthonormal columns explain."""
     from scipy.signal import lfilter  # here: 0.6 s that compare, add and the nodes do not need
 
-    rho, random = _correlation(left, number), np.random.default_rng(_SEED)
-    noise = random.standard_normal((_SERIES, int(number[-1] - number[0]) + 1)) * np.sqrt(1.0 - rho**2)
-    noise[:, 0] /= np.sqrt(1.0 - rho**2)
-    series = lfilter([1.0], [1.0, -rho], noise, axis=1)
+    driven = noise * np.sqrt(1.0 - rho**2)
+    driven[:, 0] = noise[:, 0]
+    series = lfilter([1.0], [1.0, -rho], driven, axis=1)
     return [_without(beside, one[number - number[0]]) for one in series]
 
 
