@@ -70,7 +70,8 @@ def found_noise(state: StateEstimator) -> list[SensorNoise]:
     setup = state.setup
     if setup is None:
         return []
-    heard = [kind for kind in _KINDS if state.memory.fused[kind] + state.memory.rejected[kind]]
+    counts = state.counts()
+    heard = [kind for kind in _KINDS if (of := counts[kind.name.lower()])["fused"] + of["rejected"]]
     return [*_of_imu(state, setup), *(_of_kind(state, setup, kind) for kind in heard)]
 
 

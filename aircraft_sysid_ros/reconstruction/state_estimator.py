@@ -154,7 +154,7 @@ class StateEstimator:
         self._begin_gusty()
         self._flown: list[Sensors] = []  # of the manoeuvres before this one
         self._usable_before = np.zeros(len(Kind), np.int64)
-        self._counts_before = np.zeros((3, len(Kind)), np.int64)  # of another estimator in this flight
+        self._counts_before = np.zeros((3, len(Kind)), np.int64)  # of other flights, or another estimator in this one
         self.last_row: Array | None = None
         self._last_airborne: Array | None = None  # newest row with air data
 
@@ -227,8 +227,8 @@ class StateEstimator:
         """Another manoeuvre begins; returns the rows of what is still held.
 
         ``since`` [s]: the time since the one before. In the same flight biases and wind are known from there, as well
-        as their random walks allow; after more than ``SAME_FLIGHT``, or NaN, nothing is. Counts, innovations and the
-        tape go on: they are of all manoeuvres.
+        as their random walks allow; after more than ``SAME_FLIGHT``, or NaN, nothing is, nor which sensors there are.
+        Counts, innovations and the tape go on: they are of all manoeuvres.
         """
         rows = self.flush()
         self._flown = self.sensors
@@ -244,6 +244,8 @@ class StateEstimator:
         if not since <= SAME_FLIGHT:
             self.drift.begin_flight()
             self.memory.air[:] = np.nan
+            self._counts_before = self._became()
+            self.memory.fused[:] = self.memory.rejected[:] = self.memory.skipped[:] = 0
             self._forget_slow_states()
         elif self._has_biases:
             self._p = self._p.copy()
@@ -401,6 +403,7 @@ class StateEstimator:
                 "late": int(order.late[kind]),
                 "invalid": int(order.invalid[kind]),
                 "wrong_stamp": int(order.wrong_stamp[kind]),
+                "repeated": int(order.repeated[kind]),
             }
             for kind in Kind
         }
@@ -408,6 +411,11 @@ class StateEstimator:
     def _became(self) -> npt.NDArray[np.int64]:
         """Samples (3, kinds) that were fused, rejected and skipped."""
         return self._counts_before + np.array([self.memory.fused, self.memory.rejected, self.memory.skipped])
+
+    def _fused_and_rejected_before(self) -> tuple[int, int]:
+        """What a row counts so far, beside what the memory of this flight does; without the magnetometer's rejected."""
+        fused, rejected, _ = self._counts_before
+        return int(fused.sum()), int(rejected.sum() - rejected[Kind.MAGNETIC_FIELD])
 
     def _collect(self, released: Iterator[Released]) -> Array:
         blocks: list[Array] = []
@@ -463,6 +471,7 @@ class StateEstimator:
             self.drift.count(times[begin:at], kinds[begin:at])
             if count:
                 rows[:count, StateField.LATE] = self.order.counts.late.sum()
+                rows[:count, [StateField.FUSED, StateField.REJECTED]] += self._fused_and_rejected_before()
                 if self.watch is not None:
                     assert self.epoch is not None  # known from the first samples on
                     self.watch.mark(rows[:count], self.epoch)

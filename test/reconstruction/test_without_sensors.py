@@ -18,6 +18,7 @@ from aircraft_sysid_ros.reconstruction.absences import absences
 from aircraft_sysid_ros.reconstruction.alignment import Alignment
 from aircraft_sysid_ros.reconstruction.error_state import retract
 from aircraft_sysid_ros.reconstruction.filter_setup import CALM_STD, gate_thresholds, new_setup
+from aircraft_sysid_ros.reconstruction.found_noise import found_noise
 from aircraft_sysid_ros.reconstruction.gps_wait import PATIENCE
 from aircraft_sysid_ros.reconstruction.measurements import residual_and_jacobian
 from aircraft_sysid_ros.reconstruction.options import StateOptions
@@ -128,6 +129,24 @@ def test_position_alone_still_finds_wind_and_heading(flight, aircraft):
         quaternion_product(quaternion_conjugate(rows[-1, StateField.ATTITUDE]), truth.quaternion[-1])
     )
     assert np.abs(heading / rows[-1, STD][6:9]).max() < 5.0
+
+
+def test_vanes_of_another_flight_are_none_of_this_one(flight, aircraft):
+    """Flown without vanes after a flight that had some: angles were those of vanes that are lost, and so NaN."""
+    with_vanes, without = flight.samples, lacking(flight.samples, *VANES)
+    alone, after = StateEstimator(aircraft), StateEstimator(aircraft)
+    after.push(with_vanes[with_vanes.stamp < with_vanes.stamp.min() + 10 * 10**9])
+    after.begin_anew(np.nan)
+    counts = after.counts()
+    expected, found = (np.vstack([each.push(without), each.flush()]) for each in (alone, after))
+    assert set(found[:, StateField.STATUS]) == set(expected[:, StateField.STATUS]) == {Status.INFERRED_ANGLES}
+    known, wanted = (np.isfinite(rows[:, StateField.ANGLE_OF_ATTACK]).mean() for rows in (found, expected))
+    assert wanted > 0.3 and abs(known - wanted) < 0.1
+    total = after.counts()
+    assert total["angle_of_attack"] == counts["angle_of_attack"] and counts["angle_of_attack"]["fused"] > 100
+    fused = sum(each["fused"] for each in total.values())
+    assert found[-1, StateField.FUSED] == fused > sum(each["fused"] for each in counts.values())
+    assert "angle_of_attack" in {each.name for each in found_noise(after)}
 
 
 def test_without_gps_the_wind_is_no_number_and_what_is_unknown_stays_bounded(flight, aircraft):
