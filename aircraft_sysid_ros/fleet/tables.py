@@ -168,9 +168,9 @@ def read_table(path: Path) -> list[Row]:
 
     try:
         table = pq.read_table(path)
-        names = table.column_names
-        if "start" in names:
-            table = table.set_column(names.index("start"), "start", table["start"].cast(pa.int64()))
+        for k, field in enumerate(table.schema):
+            if pa.types.is_timestamp(field.type):  # as times they would need pandas
+                table = table.set_column(k, field.name, table[field.name].cast(pa.int64()))
         rows: list[Row] = table.to_pylist()
     except (OSError, ValueError) as error:  # those of pyarrow are both
         raise InputError(f"cannot read {path}: {error}") from None
