@@ -71,9 +71,17 @@ class Odometer:
 
 def ned_along(places: Array, origin: npt.ArrayLike) -> Array:
     """Positions NED (n, 3) [m] of places (n, 3) along a way that begins at ``origin``; NaN where it is none."""
-    odometer, positions = Odometer(origin), np.full((len(places), 3), np.nan)
-    for i in np.flatnonzero(np.isfinite(places).all(axis=1)):
-        positions[i] = odometer.position_at(places[i])
+    return _along(np.ascontiguousarray(places, dtype=np.float64), np.array(origin, dtype=np.float64))
+
+
+@njit(cache=True)
+def _along(places: Array, origin: Array) -> Array:
+    """``ned_along``."""
+    positions, position, before = np.full((len(places), 3), np.nan), np.zeros(3), origin
+    for i in range(len(places)):
+        if np.isfinite(np.sum(places[i])):
+            position += ned_between(before, places[i])
+            positions[i], before = position, places[i]
     return positions
 
 

@@ -11,9 +11,9 @@ import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.atmosphere import STANDARD_GRAVITY
-from aircraft_sysid_ros.aircraft.earth import SEMI_MAJOR_AXIS
+from aircraft_sysid_ros.aircraft.earth import SEMI_MAJOR_AXIS, ned_along
 from aircraft_sysid_ros.flight_check.grid import Grid, spikes
-from aircraft_sysid_ros.flight_check.signals import INPUTS, Flight, groups, inside_limits, unwrapped
+from aircraft_sysid_ros.flight_check.signals import INPUTS, LARGEST_ANGLES, Flight, groups, inside_limits, unwrapped
 from aircraft_sysid_ros.identification.coefficients.signals import interpolate, named_inputs
 from aircraft_sysid_ros.identification.options import ParameterOptions
 from aircraft_sysid_ros.samples import Kind
@@ -150,17 +150,20 @@ class Motion:
 
     @cached_property
     def position(self) -> Array:
-        """North, east, down (count, 3) [m] from the first fix, on the sphere that touches there."""
+        """North, east, down (count, 3) [m] along the way, down from the middle one of the fixes.
+
+        Latitudes and longitudes in another unit, which are no angles, are taken as on the plane that touches there.
+        """
         stream = self.flight.streams.get(Kind.GPS_POSITION)
         if stream is None or not np.any(np.all(np.isfinite(stream.values[:, :3]), axis=1)):
             return np.full((self.grid.count, 3), np.nan)
         placed = self._put(Kind.GPS_POSITION)[:, :3]
         known = np.flatnonzero(np.all(np.isfinite(stream.values[:, :3]), axis=1))
-        latitude, longitude, altitude = stream.values[known[len(known) // 2], :3]
-        radius = SEMI_MAJOR_AXIS + altitude
-        north = (placed[:, 0] - latitude) * radius
-        east = (placed[:, 1] - longitude) * radius * np.cos(latitude)
-        return self._flown(np.column_stack([north, east, altitude - placed[:, 2]]))
+        middle = stream.values[known[len(known) // 2], :3]
+        if not np.any(np.abs(placed[:, :2]) > LARGEST_ANGLES):
+            return self._flown(ned_along(placed, middle))
+        radius = SEMI_MAJOR_AXIS + middle[2]
+        return self._flown((placed - middle) * [radius, radius * np.cos(middle[0]), -1.0])
 
     @cached_property
     def velocity(self) -> Array:

@@ -27,6 +27,8 @@ GYRO = ("angular_velocity.x", "angular_velocity.y", "angular_velocity.z")
 ATTITUDE = ("attitude.roll", "attitude.pitch", "attitude.yaw")
 GEODETIC = ("latitude", "longitude", "altitude")
 _LONGITUDE = GEODETIC.index("longitude")
+#: Beyond these [rad] a latitude and a longitude, which may go on over 180 degrees, are no angles.
+LARGEST_ANGLES = np.array([0.5 * np.pi, 3.0 * np.pi])
 VELOCITY = ("velocity.north", "velocity.east", "velocity.down")
 SURFACES = ("elevator", "aileron", "rudder", "flaps")
 #: Signals by kind of sample, in the order of its values; the attitude is stored as a quaternion.
@@ -253,7 +255,7 @@ def _stream(
     order = np.flatnonzero(usable & ~away)
     order = order[np.argsort(stamp[order], kind="stable")]
     values = values[order]
-    if kind == Kind.GPS_POSITION:
+    if kind == Kind.GPS_POSITION and not np.any(np.abs(values[:, :2]) > LARGEST_ANGLES):
         values[:, _LONGITUDE] = unwrapped(values[:, _LONGITUDE])
     return Stream(
         kind, (stamp[order] - start) / NANOSECONDS, (arrival[order] - stamp[order]) / NANOSECONDS, values,
