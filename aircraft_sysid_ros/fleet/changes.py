@@ -31,6 +31,8 @@ DRIFT, JUMP = "drift", "jump"
 RATE = 0.05
 #: Flights of a series, and on either side of a jump.
 FEWEST, FEWEST_BESIDE = 6, 2
+#: Flights of a mean that is compared with those of other airframes.
+FEWEST_OF_A_MEAN = 2
 #: Flights and relative spread of the airspeed from which its part is fitted.
 FEWEST_WITH_AIRSPEED, AIRSPEED_SPREAD = 10, 0.05
 #: Times that the date of a jump and the spread between flights are found in turn.
@@ -131,7 +133,7 @@ class Mean:
 
 def mean_of(series: Series) -> Mean | None:
     """The mean of a series; None where it has one flight only."""
-    if len(series) < 2:
+    if len(series) < FEWEST_OF_A_MEAN:
         return None
     fitted = fit(series.value, series.std, np.ones((len(series), 1)))
     return Mean(float(fitted.value[0]), float(fitted.std[0]), fitted.between, len(series))

@@ -12,7 +12,7 @@ import numpy as np
 
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.fleet.between import Between, all_series
-from aircraft_sysid_ros.fleet.changes import Series
+from aircraft_sysid_ros.fleet.changes import FEWEST, FEWEST_OF_A_MEAN, Series
 from aircraft_sysid_ros.fleet.priors import SeriesOf
 from aircraft_sysid_ros.fleet.tables import Flown, tables_of
 from aircraft_sysid_ros.installation import MissingExtra
@@ -194,7 +194,7 @@ def _plot(
         }
         for airframe, one in there.items()
     ]
-    words = "; ".join(f"{airframe}: {text}" for airframe, text in said.items()) or "no change, no difference"
+    words = "; ".join(f"{airframe}: {text}" for airframe, text in said.items()) or _nothing_said(list(there.values()))
     for airframe, one in there.items():
         if (times := _scatter(one)) > _SCATTERS and airframe not in said:
             words += f"; {airframe}: scatters {times:.0f} times as much as its standard errors say"
@@ -205,6 +205,13 @@ def _plot(
         "parameter": parameter, "words": words, "curves": curves, "ticks": scale.ticks, "width": _WIDTH,
         "height": _HEIGHT, "left": _LEFT, "right": _WIDTH - 8, "last": scale.last + 1,
     }  # fmt: skip
+
+
+def _nothing_said(there: Sequence[Series]) -> str:
+    """Of the series of one parameter, one for each airframe, that nothing is named, as far as they can be judged."""
+    longest, compared = max(map(len, there)), sum(len(one) >= FEWEST_OF_A_MEAN for one in there)
+    change = "no change" if longest >= FEWEST else "too few flights to tell a change"
+    return f"{change}, no difference" if compared > 1 else change
 
 
 def _scatter(series: Series) -> float:

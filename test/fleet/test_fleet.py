@@ -20,7 +20,7 @@ from aircraft_sysid_ros.fleet.changes import Series
 from aircraft_sysid_ros.fleet.fleet import Asked, fly_fleet
 from aircraft_sysid_ros.fleet.flight_task import Options
 from aircraft_sysid_ros.fleet.flights import Files
-from aircraft_sysid_ros.fleet.page import _change, _Scale, _scatter
+from aircraft_sysid_ros.fleet.page import _change, _nothing_said, _Scale, _scatter
 from aircraft_sysid_ros.fleet.results import Results
 
 DAY = 86_400 * 10**9
@@ -425,6 +425,22 @@ def test_values_that_scatter_beyond_their_errors_are_told_from_those_that_do_not
     assert 0.7 < _scatter(Series(np.arange(40), values, std, std)) < 1.3
     assert _scatter(Series(np.arange(40), values, 0.1 * std, std)) > 7.0
     assert _scatter(Series(np.arange(2), np.array([0.0, 9.0]), np.ones(2), np.ones(2))) == 0.0
+
+
+@pytest.mark.parametrize(
+    ("flights", "said"),
+    [
+        ([6, 9], "no change, no difference"),
+        ([9], "no change"),
+        ([9, 1], "no change"),
+        ([3, 4], "too few flights to tell a change, no difference"),
+        ([2], "too few flights to tell a change"),
+    ],
+)
+def test_a_curve_says_only_what_its_flights_could_have_shown(flights, said) -> None:
+    """Above three flights of one airframe stood "no change, no difference"."""
+    there = [Series(np.arange(n), np.ones(n), np.ones(n), np.ones(n)) for n in flights]
+    assert _nothing_said(there) == said
 
 
 @pytest.mark.parametrize(
