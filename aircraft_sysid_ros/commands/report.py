@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,6 +15,7 @@ from aircraft_sysid_ros.installation import MissingExtra
 from aircraft_sysid_ros.text_file import write_whole
 
 if TYPE_CHECKING:
+    from aircraft_sysid_ros.workbench.calibration_view import CalibrationView
     from aircraft_sysid_ros.workbench.run_view import FlightRecord, RunView
 
 
@@ -23,7 +25,11 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
         "report", help="the page of a run as one HTML file", description=__doc__
     )
     parser.add_argument("run", metavar="RUN", help="folder written by replay or live, or by calibrate")
-    parser.add_argument("--calibration", metavar="FOLDER", help="folder written by calibrate, to show with the run")
+    parser.add_argument(
+        "--calibration",
+        metavar="FOLDER",
+        help="folder written by calibrate, to show with the run (default: the last one that the page made from it)",
+    )
     parser.add_argument(
         "--out", required=True, metavar="FILE.html", help="file to write; one that is there is replaced"
     )
@@ -54,11 +60,26 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         text, said = calibration_html(load_calibration_view(calibration_folder(args.run))), {}
     else:
         truth = load_truth_view(args.truth)
-        calibrated = load_calibration_view(calibration_folder(args.calibration)) if args.calibration else None
+        calibrated, unread = _calibration(args)
         view, record, notes = _read(args.run)
-        text, said = report_html(view, record, truth, calibrated), {"model": view.current, "notes": notes}
+        notes = [*notes, *unread]
+        text = report_html(replace(view, notes=(*view.notes, *notes)), record, truth, calibrated)
+        said = {"model": view.current, "notes": notes}
     _write(out, text)
     return {"run": str(args.run), "file": str(out), "bytes": len(text.encode()), "notes": [], **said}
+
+
+def _calibration(args: argparse.Namespace) -> tuple[CalibrationView | None, list[str]]:
+    """The one that is named, or the last that was made from the run, as on the page; why that cannot be read."""
+    from aircraft_sysid_ros.workbench.calibration_view import calibration_folder, load_calibration_view, newest_of_run
+
+    if args.calibration:
+        return load_calibration_view(calibration_folder(args.calibration)), []
+    folder = newest_of_run(args.run)
+    try:
+        return None if folder is None else load_calibration_view(folder), []
+    except InputError as error:  # nobody has asked for it
+        return None, [f"without the calibration: {error}"]
 
 
 def _read(run: str) -> tuple[RunView, FlightRecord | None, list[str]]:

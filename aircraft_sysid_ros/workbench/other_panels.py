@@ -107,6 +107,8 @@ class StatePanel(Panel):
             if record is None:
                 ui.label(self.page.session.record_problem or "Being read.").classes("soft")
                 return
+            for note in record.notes:
+                ui.label(note).classes("flag").style("white-space:normal").props("data-testid=state-note")
             figures = states.all_figures(record.state, self.page.look.theme, self.page.session.truth.content)
             with ui.element("div").classes("grid2"):
                 for title, made in figures:

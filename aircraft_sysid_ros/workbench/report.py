@@ -9,6 +9,7 @@ from typing import Any
 
 from markupsafe import Markup
 
+from aircraft_sysid_ros.after_flight.refine import refined_sentences
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.diagnosis.frequency_responses import rate_responses
 from aircraft_sysid_ros.json_text import without_nan
@@ -29,6 +30,7 @@ from aircraft_sysid_ros.workbench.views.candidates import moments_named
 from aircraft_sysid_ros.workbench.views.figure import DARK, LIGHT, Figure, Theme
 from aircraft_sysid_ros.workbench.views.history import effect_names, history
 from aircraft_sysid_ros.workbench.views.parameters import IN_FLIGHT, OF_ALL, parameter_rows
+from aircraft_sysid_ros.workbench.views.words import sentence
 
 STYLE = Path(__file__).with_name("style.css")
 #: Maps that a file shows: of the axes that fail, over the flow angles and over speed and height.
@@ -213,6 +215,18 @@ def _parameters(view: RunView, truth: TruthView) -> dict[str, Any]:
         "versions": history(view.versions, view.current, view.comparisons, view.labels),
         "of_parameters": IN_FLIGHT if view.current == view.versions[0].identifier else OF_ALL,
         "parameters": parameter_rows(view.parameters[view.current], truth.parameters),
+        "refined": [_refined(view, method) for method in view.refined],
+    }
+
+
+def _refined(view: RunView, method: str) -> dict[str, Any]:
+    """What ``refine`` found by a method, beside what was known."""
+    found, listed = dict(view.refined[method]), view.parameters[view.current]
+    return {
+        "title": f"Maximum likelihood, {method.replace('-', ' ')}",
+        "sentences": [sentence(text) + "." for text in refined_sentences(found)],
+        "errors": markup.refined_errors(found["not_fitted"]),
+        "parameters": markup.parameters_beside(listed, found["parameters"], ("table above", "refined")),
     }
 
 
