@@ -71,17 +71,12 @@ def _unknown(path: Path, why: str = "") -> InputError:
 
 
 def _kind_of(path: Path) -> str:
-    """The usual end of the name of a log whose first bytes say what it is, whatever it is called; empty of others.
-
-    Raises InputError for a kind that is not read.
-    """
+    """The usual end of the name of a log whose first bytes say what it is, whatever it is called; empty of others."""
     try:
         with path.open("rb") as file:
             head = file.read(max(map(len, _MAGIC)))
     except OSError:  # a folder, or what nobody may read: who reads it says so
         return ""
-    if head.startswith(b"FMT,"):
-        raise InputError(f"{path} is a DataFlash log as text: import the .bin that it was made from")
     return next((kind for magic, kind in _MAGIC.items() if head.startswith(magic)), "")
 
 
@@ -215,4 +210,4 @@ _IMPORTERS: dict[str, Callable[[Path, ServoMapping | None], ImportedLog]] = {
 }
 KINDS = (".mat", *_IMPORTERS)
 #: First bytes of logs that are renamed now and then, and what they are.
-_MAGIC = {b"\xa3\x95": ".bin", b"ULog\x01\x12\x35": ".ulg"}
+_MAGIC = {b"\xa3\x95": ".bin", b"FMT,": ".bin", b"ULog\x01\x12\x35": ".ulg"}

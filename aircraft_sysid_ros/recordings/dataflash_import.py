@@ -1,4 +1,7 @@
-"""ArduPilot's DataFlash log (.bin), read with pymavlink; its columns are decoded at once where pymavlink found them."""
+"""ArduPilot's DataFlash log (.bin, or as text .log), read with pymavlink.
+
+Its columns are decoded at once where pymavlink found them.
+"""
 
 from __future__ import annotations
 
@@ -9,6 +12,7 @@ import re
 import string
 import tempfile
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -22,6 +26,7 @@ from aircraft_sysid_ros.mavlink.dataflash_table import DATAFLASH, receivers
 from aircraft_sysid_ros.mavlink.quantities import FIX_3D, Batch
 from aircraft_sysid_ros.mavlink.servo_mapping import ServoMapping
 from aircraft_sysid_ros.recordings.autopilot_log import NO_DATE, LogContent, gps_nanoseconds, import_content
+from aircraft_sysid_ros.recordings.dataflash_text import TEXT, write_as_binary
 from aircraft_sysid_ros.recordings.imported_log import GPS_EPOCH, LATEST, SECONDS_PER_WEEK, ImportedLog
 from aircraft_sysid_ros.recordings.injections import MESSAGES, injections
 from aircraft_sysid_ros.recordings.losses import NO_CHECKSUMS
@@ -53,6 +58,19 @@ def import_dataflash(path: Path, mapping: ServoMapping | None = None) -> Importe
 
 def read_dataflash(path: Path) -> LogContent:
     """All messages that the table has, stamped in Unix time where a GPS knew it."""
+    with path.open("rb") as file:
+        is_text = file.read(len(TEXT)) == TEXT
+    if not is_text:
+        return _read_binary(path)
+    with tempfile.TemporaryDirectory() as folder:
+        binary = Path(folder) / "log.bin"
+        unread = write_as_binary(path, binary)
+        content = _read_binary(binary)
+    lost = [f"{unread} lines of the text could not be read"] if unread else []
+    return replace(content, format="DataFlash as text (ArduPilot)", notes=[*lost, *content.notes])
+
+
+def _read_binary(path: Path) -> LogContent:
     try:
         from pymavlink.DFReader import DFReader_binary
     except ImportError:

@@ -31,6 +31,23 @@ def dataflash(formats, rows):
     return bytes(data)
 
 
+def dataflash_text(formats, rows):
+    """The same log as a ground station writes it as text, with the scales of the letters applied."""
+    known = {"FMT": ("BBnNZ", "Type,Length,Name,Format,Columns"), **formats}
+    lines = []
+    for number, (name, (letters, columns)) in zip(range(_FMT, 255), known.items(), strict=False):
+        length = 3 + struct.calcsize("<" + "".join(_STRUCT[letter] for letter in letters))
+        lines.append(f"FMT, {number}, {length}, {name}, {letters}, {columns}")
+    scales = {"c": 100, "C": 100, "e": 100, "E": 100, "L": 10_000_000}
+    for name, values in rows:
+        cells = [
+            str(value / scales[letter]) if letter in scales else value.decode() if letter in "nNZ" else str(value)
+            for letter, value in zip(known[name][0], values, strict=True)
+        ]
+        lines.append(", ".join([name, *cells]))
+    return "\n".join(lines) + "\n"
+
+
 # -- ULog: https://docs.px4.io/main/en/dev_log/ulog_file_format.html --------------------------------------------
 
 

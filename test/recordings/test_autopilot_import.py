@@ -8,7 +8,7 @@ import sys
 
 import numpy as np
 import pytest
-from autopilot_log_files import dataflash, ulog, write_bag
+from autopilot_log_files import dataflash, dataflash_text, ulog, write_bag
 
 from aircraft_sysid_ros.aircraft.named_inputs import NamedInput
 from aircraft_sysid_ros.commands import import_log
@@ -187,6 +187,22 @@ def test_dataflash(tmp_path, calibration):
     x, y, z, w = attitude[0]
     forward = (1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y))
     np.testing.assert_allclose(forward, (np.cos(np.radians(5.0)), 0.0, np.sin(np.radians(5.0))), atol=1e-6)
+
+
+def test_dataflash_as_text_is_the_log_that_it_was_made_from(tmp_path, calibration):
+    """It was refused. Damaged lines are counted, and those around them are read."""
+    log, text = tmp_path / "flight.bin", tmp_path / "flight.log"
+    rows = [row for row in dataflash_rows() if not any(value != value for value in row[1] if isinstance(value, float))]
+    log.write_bytes(dataflash(FORMATS, rows))
+    lines = dataflash_text(FORMATS, rows).splitlines()
+    lines[400:400] = ["IMU, 12", "?\x00\xff", "UNKNOWN, 1, 2", "", "IMU, soon, 0, 0, 0, 0, 0, 0"]
+    text.write_text("\n".join(lines) + "\n")
+    report, recording = run_import(text, tmp_path / "of text", calibration)
+    expected, original = run_import(log, tmp_path / "of binary", calibration)
+    assert report["found"] == expected["found"] and report["missing"] == expected["missing"]
+    assert report["notes"] == ["4 lines of the text could not be read", *expected["notes"]]
+    for name in ("stamp", "kind", "values"):
+        np.testing.assert_array_equal(getattr(recording.samples, name), getattr(original.samples, name))
 
 
 SWEEPS = {
@@ -678,7 +694,9 @@ def test_a_source_of_airspeed_that_this_kind_of_log_has_not_is_refused(tmp_path,
         ("a.bin", b"", "does not begin"),
         ("a.ulg", b"", "not a readable ULog"),
         ("a.csv", b"1,2", "cannot be imported: supported are .mat"),
-        ("a.log", b"FMT, 128, 89, FMT, BBnNZ, Type", "import the .bin that it was made from"),
+        ("a.log", b"FMT, 128, 89, FMT, BBnNZ, Type", "nothing in it can be used"),
+        ("a.log", b"FMT, 129, 89, MODE, QMBB, TimeUS,Mode,ModeNum,Rsn", "no line says how FMT is laid out"),
+        ("a.log", b"FMT, what is this", "no line says how FMT is laid out"),
         ("a.log", dataflash({"MODE": FORMATS["MODE"]}, [("MODE", (1, 2, 3, 4))]), "nothing in it can be used"),
         ("a.bin", dataflash({"MODE": FORMATS["MODE"]}, [("MODE", (1, 2, 3, 4))]), "nothing in it can be used"),
     ],
