@@ -19,7 +19,7 @@ from aircraft_sysid_ros.export.autopilot_parameters import (
 )
 from aircraft_sysid_ros.export.exported import header_lines
 from aircraft_sysid_ros.export.learnt_model import LearntModel, standard_errors
-from aircraft_sysid_ros.export.level_flight import level_words
+from aircraft_sysid_ros.export.level_flight import level_words, time_notes
 from aircraft_sysid_ros.export.px4 import levels_of
 from aircraft_sysid_ros.export.rate_loops import (
     GAIN_MARGIN,
@@ -58,6 +58,11 @@ def gains(learnt: LearntModel, autopilot: str, full: Array, actuator: Actuator) 
     reach = {ROLL: float(full[1]), PITCH: float(full[0])}
     notes = (
         *(_about(loop) for loop in loops),
+        *(
+            f"{lag.text} of the model is taken to follow at once: margins are smaller for it"
+            for lag in learnt.model.lags
+        ),
+        *time_notes(learnt),
         f"asked: a gain margin of {20.0 * np.log10(GAIN_MARGIN):.0f} dB and a phase margin of "
         f"{np.degrees(PHASE_MARGIN):.0f} deg, with an actuator lag of {1e3 * actuator.lag:.0f} ms and a delay of "
         f"{1e3 * actuator.delay:.0f} ms; P no larger than half of FF",

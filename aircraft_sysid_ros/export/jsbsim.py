@@ -19,7 +19,14 @@ from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.export.exported import Exported, comment_of, header_lines
 from aircraft_sysid_ros.export.jsbsim_expression import function_of, node, number, prop
 from aircraft_sysid_ros.export.learnt_model import LearntModel
-from aircraft_sysid_ros.export.level_flight import airspeeds_of, level_flight, level_words, middle_row, moment_signs
+from aircraft_sysid_ros.export.level_flight import (
+    airspeeds_of,
+    level_flight,
+    level_words,
+    middle_row,
+    moment_signs,
+    time_notes,
+)
 
 Array = npt.NDArray[np.float64]
 
@@ -77,6 +84,7 @@ def _notes(learnt: LearntModel) -> tuple[str, ...]:
     notes = [f"the property {OUTSIDE} counts the signals that are outside of the range in which they were learnt"]
     with contextlib.suppress(InputError):  # it may have none, and be flown all the same
         notes.append(level_words(level_flight(learnt, airspeeds_of(learnt)[0])))
+    notes += [f"{note}; JSBSim counts it from its own start" for note in time_notes(learnt)]
     if {"alpha_dot", "beta_dot"} & learnt.model.signals_used:
         notes.append(
             "JSBSim works out its alpha and beta rates from the inertial velocity: in a steady wind, terms of "

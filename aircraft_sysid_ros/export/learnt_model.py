@@ -244,6 +244,13 @@ def thrust_part(learnt: LearntModel) -> Array:
     return part
 
 
+def that_go_with_time(learnt: LearntModel) -> str:
+    """Names of parameters with a value whose terms read the time of the flight, such as damage from a time on."""
+    programs = [program for programs in learnt.model.programs for program in programs]
+    known = zip(learnt.parameters, programs, learnt.values != 0.0, strict=True)
+    return ", ".join(p.name for p, program, is_known in known if is_known and "time" in program.signals)
+
+
 def percent(share: float) -> str:
     """A share [-] in per cent with two digits, as people write them: 0.16 %, 58 %, 176 %."""
     return f"{100.0 * share:.2g} %" if share < 0.995 else f"{100.0 * share:.0f} %"

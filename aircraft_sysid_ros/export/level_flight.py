@@ -11,7 +11,7 @@ from scipy.optimize import least_squares
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.aircraft.atmosphere import STANDARD_GRAVITY
 from aircraft_sysid_ros.errors import InputError
-from aircraft_sysid_ros.export.learnt_model import SURFACES, LearntModel
+from aircraft_sysid_ros.export.learnt_model import SURFACES, LearntModel, that_go_with_time
 
 Array = npt.NDArray[np.float64]
 
@@ -136,6 +136,14 @@ def level_words(level: LevelFlight) -> str:
         f"level flight at {level.airspeed:.2f} m/s (calibrated {level.calibrated_airspeed:.2f}): angle of attack "
         f"{np.degrees(level.alpha):.2f} deg, {surfaces}{bank}{thrust}{outside}"
     )
+
+
+def time_notes(learnt: LearntModel) -> list[str]:
+    """At which time trims and slopes are those of a model that goes with it."""
+    if not (names := that_go_with_time(learnt)):
+        return []
+    at = middle_row(learnt)[learnt.model.signal_names.index("time")]
+    return [f"{names}: the model goes with the time of the flight, and trims and gains are for {at:.0f} s, its middle"]
 
 
 def moment_signs(learnt: LearntModel, signals: Array) -> dict[str, float]:

@@ -21,6 +21,7 @@ from aircraft_sysid_ros.export.level_flight import (
     airspeeds_of,
     level_flight,
     level_words,
+    time_notes,
 )
 
 Array = npt.NDArray[np.float64]
@@ -38,7 +39,7 @@ def export_px4(learnt: LearntModel, full: Array | None, version: str = VERSIONS[
     Raises InputError where the model has no level flight.
     """
     levels = levels_of(learnt)
-    notes = [level_words(level) for level in levels]
+    notes = [*(level_words(level) for level in levels), *time_notes(learnt)]
     stall, low, *_ = airspeeds(learnt, levels)
     if stall.value > _LARGEST_STALL * low.value:
         notes.append(

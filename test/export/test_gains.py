@@ -9,10 +9,13 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
+from aircraft_sysid_ros.aircraft.aerodynamic_model import model_from_terms
 from aircraft_sysid_ros.aircraft.configuration import aircraft_from_dict
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.export.autopilot_parameters import arduplane_gains, px4_gains
 from aircraft_sysid_ros.export.gains import gains
+from aircraft_sysid_ros.export.jsbsim import export_jsbsim
+from aircraft_sysid_ros.export.learnt_model import Parameter
 from aircraft_sysid_ros.export.level_flight import airspeeds_of, level_flight
 from aircraft_sysid_ros.export.rate_loops import PITCH, ROLL, Actuator, actuator_of, design
 from aircraft_sysid_ros.simulation.simulated_flight import default_aircraft
@@ -178,6 +181,22 @@ def test_margins_and_limits_are_stated(learnt, loops):
         assert 0.0 < loop.p <= 0.5 * loop.ff * 1.0001
     said = "\n".join(gains(learnt, "arduplane", FULL, ACTUATOR).notes)
     assert "gain margin of 10 dB" in said and "60 deg" in said and "level flight at" in said
+
+
+def test_what_the_loops_do_not_follow_is_said(learnt):
+    """Gains of an elevator that follows by half a second had the margins of one that follows at once."""
+    terms = {**learnt.model.terms, "Cm": (*learnt.model.terms["Cm"], "lag(de,0.5)", "max(time-30,0)*de")}
+    model = model_from_terms(terms)
+    by_name = {p.name: p for p in learnt.parameters}
+    more = {"Cm_lag(de,0.5)": -0.01, "Cm_max(time-30,0)*de": 1e-3}
+    listed = tuple(by_name.get(n) or Parameter(n, more[n], 1e-5, "USE") for n in model.parameter_names)
+    other = replace(learnt, aircraft=replace(learnt.aircraft, model=model), parameters=listed)
+    said = "\n".join(gains(other, "px4", FULL, ACTUATOR).notes)
+    assert "lag(de,0.5) of the model is taken to follow at once" in said
+    middle = f"trims and gains are for {np.median(other.signal('time')):.0f} s"
+    assert f"Cm_max(time-30,0)*de: the model goes with the time of the flight, and {middle}" in said
+    assert any("JSBSim counts it from its own start" in note for note in export_jsbsim(other).notes)
+    assert not any("at once" in note or "time" in note for note in gains(learnt, "px4", FULL, ACTUATOR).notes)
 
 
 def test_a_slower_actuator_gets_less_gain(learnt, loops):
