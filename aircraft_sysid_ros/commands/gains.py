@@ -6,6 +6,7 @@ Refused where the uncertainty of the parameters allows an unstable loop: docs/ex
 from __future__ import annotations
 
 import argparse
+from collections.abc import Mapping, Sequence
 from dataclasses import fields, replace
 from typing import Any
 
@@ -25,7 +26,8 @@ from aircraft_sysid_ros.commands.export import (
 from aircraft_sysid_ros.commands.notes import note_lines
 from aircraft_sysid_ros.diagnosis.model_versions.versions import open_run
 from aircraft_sysid_ros.errors import InputError
-from aircraft_sysid_ros.export.gains import AUTOPILOTS, SUFFIXES, gains
+from aircraft_sysid_ros.export.autopilot_parameters import not_set
+from aircraft_sysid_ros.export.gains import AUTOPILOTS, SUFFIXES, Gains, gains
 from aircraft_sysid_ros.export.rate_loops import Actuator, actuator_of
 
 #: Longest lag and delay [s] of an actuator that is believed.
@@ -85,19 +87,31 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     return {
         **about(learnt),
         "target": args.to,
-        "gains": [{"name": e.name, "value": e.value, "std": e.std, "what": e.what} for e in found.entries],
+        "gains": listed(found),
         "loops": loops,
         "file": None if out is None else str(out),
         "notes": [*notes_on(opened, learnt), *servos, *found.notes],
     }
 
 
+def listed(found: Gains) -> list[dict[str, Any]]:
+    """The parameters of the autopilot for programs; one with a ``doubt`` rests on what is not to be used: not set."""
+    return [{"name": e.name, "value": e.value, "std": e.std, "what": e.what, "doubt": e.doubt} for e in found.entries]
+
+
+def gain_lines(gains_listed: Sequence[Mapping[str, Any]]) -> list[str]:
+    """A line for each of ``listed``."""
+    stds = (f" ± {e['std']:.2g}" if np.isfinite(e["std"]) else "" for e in gains_listed)
+    return [
+        f"{e['name']:<20}{e['value']:>10.4f}{std:<12}  {e['what']}{not_set(e['doubt'])}"
+        for e, std in zip(gains_listed, stds, strict=True)
+    ]
+
+
 def render(result: dict[str, Any]) -> str:
     """The result for people."""
     lines = [f"model {result['model']}, {result['target']}", ""]
-    for e in result["gains"]:
-        std = f" ± {e['std']:.2g}" if np.isfinite(e["std"]) else ""
-        lines.append(f"{e['name']:<20}{e['value']:>10.4f}{std:<12}  {e['what']}")
+    lines += gain_lines(result["gains"])
     lines += ["", "learnt in this range; OUTSIDE OF IT THE GAINS ARE NOT KNOWN TO HOLD:"]
     lines += [f"  {line}" for line in result["range_words"]]
     lines += note_lines(result["notes"])

@@ -66,6 +66,21 @@ def with_doubts(learnt: LearntModel, entries: Sequence[Entry]) -> list[Entry]:
     return found
 
 
+def doubt_notes(entries: Sequence[Entry]) -> list[str]:
+    """Which entries are not set, in words."""
+    if not (doubtful := [entry.name for entry in entries if entry.doubt]):
+        return []
+    return [
+        f"{', '.join(doubtful)} rest on parameters that are not to be used, and stand in the file as comments: take "
+        "the # of a line away once you have checked its value"
+    ]
+
+
+def not_set(doubt: str) -> str:
+    """The end of the words of an entry that rests on what is not to be used; empty of others."""
+    return f"; NOT SET, since it rests on {doubt}" if doubt else ""
+
+
 def px4_trims(learnt: LearntModel, levels: Sequence[LevelFlight], full: Array) -> list[Entry]:
     """TRIM_* of the first level flight, and what is added at the lowest and the highest airspeed."""
     signs, found = moment_signs(learnt, levels[0].signals), []
@@ -131,5 +146,4 @@ def arduplane_file(comments: Sequence[str], entries: Sequence[Entry]) -> str:
 
 def _described(entry: Entry) -> str:
     std = f" +- {entry.std:.2g}" if np.isfinite(entry.std) else ""
-    doubt = f"; NOT SET, since it rests on {entry.doubt}" if entry.doubt else ""
-    return f"{entry.name} = {entry.value:.5g}{std}: {entry.what}{doubt}"
+    return f"{entry.name} = {entry.value:.5g}{std}: {entry.what}{not_set(entry.doubt)}"

@@ -11,6 +11,7 @@ from aircraft_sysid_ros.export.autopilot_parameters import (
     Entry,
     arduplane_file,
     arduplane_gains,
+    doubt_notes,
     px4_file,
     px4_gains,
     px4_trims,
@@ -76,6 +77,7 @@ def gains(learnt: LearntModel, autopilot: str, full: Array, actuator: Actuator) 
         std = standard_errors(learnt, lambda model: _trims(model, full))
         trims = with_doubts(learnt, with_std(px4_trims(learnt, levels, full), std))
         entries = [speed, *trims, *px4_gains(loops, reach)]
+        notes, comments = (*notes, *doubt_notes(trims)), [*comments, *doubt_notes(trims)]
         return Gains(loops, tuple(entries), px4_file(comments, entries), notes)
     entries = arduplane_gains(loops, reach, levels[0])
     return Gains(loops, tuple(entries), arduplane_file(comments, entries), notes)

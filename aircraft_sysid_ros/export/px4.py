@@ -12,7 +12,14 @@ import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.atmosphere import STANDARD_GRAVITY
-from aircraft_sysid_ros.export.autopilot_parameters import Entry, px4_file, px4_trims, with_doubts, with_std
+from aircraft_sysid_ros.export.autopilot_parameters import (
+    Entry,
+    doubt_notes,
+    px4_file,
+    px4_trims,
+    with_doubts,
+    with_std,
+)
 from aircraft_sysid_ros.export.exported import Exported, header_lines
 from aircraft_sysid_ros.export.learnt_model import LearntModel, fitted, percent, standard_errors, thrust_part
 from aircraft_sysid_ros.export.level_flight import (
@@ -53,11 +60,7 @@ def export_px4(learnt: LearntModel, full: Array | None, version: str = VERSIONS[
     std |= standard_errors(learnt, lambda model: {e.name: e.value for e in wind_estimator(model)[0]})
     proposed, misses = wind_estimator(learnt)
     entries, proposed = with_doubts(learnt, with_std(_entries(learnt, full), std)), with_std(proposed, std)
-    if doubtful := [entry.name for entry in entries if entry.doubt]:
-        notes.append(
-            f"{', '.join(doubtful)} rest on parameters that are not to be used, and stand in the file as comments: "
-            "take the # of a line away once you have checked its value"
-        )
+    notes += doubt_notes(entries)
     of_side = "how C_Y goes with the sideslip is not known, so that FW_W_C_B1 is left out"
     if "CY" in misses:
         of_side = f"C_Y = -FW_W_C_B1 beta within {percent(misses['CY'])}"

@@ -11,6 +11,7 @@ from scipy.linalg import expm
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import model_from_terms
 from aircraft_sysid_ros.aircraft.configuration import aircraft_from_dict
+from aircraft_sysid_ros.commands import gains as gains_command
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.export.autopilot_parameters import arduplane_gains, px4_gains
 from aircraft_sysid_ros.export.gains import gains
@@ -172,6 +173,20 @@ def test_with_either_autopilots_formula_the_rate_follows_its_setpoint(learnt, lo
     assert response_to(learnt, loop, of_px4) == pytest.approx(1.0, abs=0.05)
     by_feed_forward = response_to(learnt, loop, lambda error, integral, setpoint: of_px4(0.0, 0.0, setpoint))
     assert by_feed_forward == pytest.approx(1.0, abs=0.05)
+
+
+def test_a_trim_that_is_not_set_is_said_wherever_it_is_listed(learnt):
+    """In the file it was a comment, and on the terminal and in the JSON a value like any other."""
+    held = tuple(replace(p, status="HOLD") if p.name == "Cn_dr" else p for p in learnt.parameters)
+    found = gains(replace(learnt, parameters=held), "px4", FULL, ACTUATOR)
+    told = {each["name"]: each for each in gains_command.listed(found)}
+    assert told["TRIM_YAW"]["doubt"] == "Cn_dr (HOLD)" and not told["TRIM_ROLL"]["doubt"]
+    shown = gains_command.gain_lines(list(told.values()))
+    assert [line.split()[0] for line in shown if "NOT SET, since it rests on Cn_dr (HOLD)" in line] == [
+        "TRIM_YAW", "FW_DTRIM_Y_VMIN", "FW_DTRIM_Y_VMAX",
+    ]  # fmt: skip
+    assert any("TRIM_YAW" in note and "stand in the file as comments" in note for note in found.notes)
+    assert not any("stand in the file" in note for note in gains(learnt, "px4", FULL, ACTUATOR).notes)
 
 
 def test_margins_and_limits_are_stated(learnt, loops):
