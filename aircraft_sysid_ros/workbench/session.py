@@ -42,6 +42,8 @@ WORDS = {
     CALIBRATE: "calibrating", UNDO: "putting back what was there",
     RETURN: "going to a version",
 }  # fmt: skip
+#: What was under way when the worker ended and nobody had stopped it.
+ENDED = "{} was ended by the system, perhaps for lack of memory: {}"
 #: A run that is shown, and whose folder somebody has taken away.
 GONE = "the run {} is gone: it was deleted or moved; what stands here is the last that was read of it"
 
@@ -66,6 +68,7 @@ class Session:
         self.revision = 0
         self._closed, self._lock = False, threading.Lock()
         self._damaged_at: tuple[int, ...] = ()
+        self._is_stopped = False  # by a user
         self._process, self._pipe = start_worker(self.path)
         self._thread = threading.Thread(target=self._listen, daemon=True)
         self._thread.start()
@@ -114,14 +117,14 @@ class Session:
     def _send(self, job: Job) -> bool:
         try:
             self._pipe.send(job)
-        except OSError:
-            self._restart("the work ended unexpectedly: it was started again")
+        except OSError:  # the worker has ended, which the listener notices
             return False
         return True
 
     def stop(self) -> None:
         """End the job under way, at once; the run is as it was before."""
         if self.job is not None and self.job.kind not in READS:
+            self._is_stopped = True
             self._process.kill()  # the listener notices and starts another worker
 
     def close(self) -> None:
@@ -157,7 +160,7 @@ class Session:
                     self._look_again()
             except (EOFError, OSError):
                 if not self._closed:
-                    self._restart("stopped: the run is as it was")
+                    self._restart()
 
     def _look_again(self) -> None:
         """The folder was changed by another program."""
@@ -217,9 +220,20 @@ class Session:
             self.sentence, self.is_bad = answer.sentence, True
         self._go_on()
 
-    def _restart(self, sentence: str) -> None:
+    def _restart(self) -> None:
+        """Begin another worker; what ended the last one by being read is not read again."""
         self._process.join()
         self._process, self._pipe = start_worker(self.path)
-        self.job, self.waiting, self.sentence, self.is_bad = None, None, sentence, False
+        lost, self.job, self.waiting = self.job, None, None
+        remedy = "close other programs, and start the workbench again"
+        if self._is_stopped:
+            self.sentence, self.is_bad, self._is_stopped = "stopped: the run is as it was", False, False
+        elif lost is not None and lost.kind == LOAD:
+            self.damage, self._damaged_at = ENDED.format(f"reading {self.path}", remedy), signature_of(self.path)
+        elif lost is not None and lost.kind == RECORD:
+            self.record_problem = ENDED.format("reading what was estimated in flight", remedy)
+        elif lost is not None:
+            self.sentence, self.is_bad = ENDED.format("the work", "the run is as it was"), True
         self.revision += 1
-        self.start(Job(LOAD))
+        if not self.damage:
+            self.start(Job(LOAD))
