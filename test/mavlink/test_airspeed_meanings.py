@@ -74,5 +74,23 @@ def test_calibrated_airspeed_above_the_tropopause():
     assert found[0] == pytest.approx(mach * 295.069, rel=1e-5)
 
 
+def behind_a_normal_shock(mach, pressure):
+    """P_t - P_s that a pitot tube shows in supersonic flow: what is left of it behind the shock, brought to rest."""
+    rise = 1.0 + 2.0 * 1.4 / 2.4 * (mach**2 - 1.0)
+    mach2 = (1.0 + 0.2 * mach**2) / (1.4 * mach**2 - 0.2)
+    return pressure * (rise * (1.0 + 0.2 * mach2) ** 3.5 - 1.0)
+
+
+@pytest.mark.parametrize("mach", [1.0, 1.01, 1.3, 2.0, 3.0])
+def test_beyond_the_speed_of_sound_there_is_a_shock_before_the_tube(mach):
+    """A supersonic airspeed, and a calibrated one that is supersonic at sea level too."""
+    pressure, temperature = np.array([20e3]), np.array([217.0])
+    sound = np.sqrt(1.4 * 287.05287 * 217.0)
+    found = true_of_impact_pressure(behind_a_normal_shock(mach, pressure), pressure, temperature)
+    assert found[0] == pytest.approx(mach * sound, rel=1e-6)
+    at_sea = np.array([mach * 340.294])
+    assert true_airspeed(at_sea, "calibrated", *SEA)[0] == pytest.approx(at_sea[0], rel=1e-5)
+
+
 def test_less_than_no_impact_pressure_is_noise_at_rest():
     assert true_of_impact_pressure(np.array([-5.0]), *SEA)[0] == 0.0
