@@ -165,15 +165,15 @@ class Finding:
 
     def refusal(self, first: bool) -> str:
         """Why it is no verdict, in words; empty where nothing but what was found before it is in the way."""
+        if self._weakness:
+            return self._weakness
+        if self.is_unsure and self.nested is not None:  # it was sure enough to be chosen again
+            return (
+                f"chosen again with each quarter of the flight left out, it comes in {self.times_again} of "
+                f"{len(self.nested.names)}"
+            )
         level = THRESHOLDS.verdict if first else THRESHOLDS.further
-        if self._weakness or self.p_value >= level:
-            return self._weakness or f"chance explains as much (p = {self.p_value:.2g})"
-        if not self.is_unsure or self.nested is None:
-            return ""
-        return (
-            f"chosen again with each quarter of the flight left out, it comes in {self.times_again} of "
-            f"{len(self.nested.names)}"
-        )
+        return f"chance explains as much (p = {self.p_value:.2g})" if self.p_value >= level else ""
 
     def is_again(self, family: str) -> bool:
         """Whether a family is this one, what the flight cannot tell from it, or what differs from it by name only.

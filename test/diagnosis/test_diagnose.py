@@ -396,6 +396,8 @@ def test_the_rule_that_refuses_an_effect_of_size_is_said(aircraft):
     assert "less than 10%" in replace(far, size=0.05).refusal(first=True)
     rarely = replace(far, p_value=1e-6, nested=NestedValidation(("dihedral_alpha", "", "stall", "dihedral_alpha"), 0.2))
     assert "it comes in 2 of 4" in rarely.refusal(first=True) == rarely.refusal(first=False)
+    between = replace(rarely, p_value=0.002)  # its own doubt makes later ones need more, and not itself
+    assert "it comes in 2 of 4" in between.refusal(first=True) == between.refusal(first=False)
     assert replace(rarely, confounded_with=("stall",)).refusal(first=True) == ""
     unnamed = replace(rarely.trial, candidate=replace(rarely.trial.candidate, effect=None))
     names = ("Cl: p*q", "Cl: p*V", "from 9 s on Cl: 1", "CY: p*q")
