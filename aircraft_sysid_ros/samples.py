@@ -10,6 +10,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -150,6 +151,18 @@ def joined(parts: Sequence[Samples]) -> tuple[Samples, list[int]]:
         shifts.append(shift)
         end = last + shift
     return concatenate(batches), shifts
+
+
+def repeats(time: npt.NDArray[Any], values: npt.NDArray[np.float64]) -> npt.NDArray[np.bool_]:
+    """Which samples of one kind (n,), in order of ``time`` (n,), are the one before them once more, ``values`` (n, k)
+    and all: of a topic that came twice.
+    """
+    repeated = np.zeros(len(time), np.bool_)
+    again = 1 + np.flatnonzero(time[1:] == time[:-1])
+    if len(again):
+        new, old = values[again], values[again - 1]
+        repeated[again] = np.all((new == old) | (np.isnan(new) & np.isnan(old)), axis=1)
+    return repeated
 
 
 def span(samples: Samples) -> tuple[int, int]:

@@ -17,7 +17,7 @@ from aircraft_sysid_ros.aircraft.configuration import Aircraft
 from aircraft_sysid_ros.aircraft.named_inputs import NamedInput
 from aircraft_sysid_ros.aircraft.sensor_settings import DEFAULT_SENSORS
 from aircraft_sysid_ros.aircraft.unsaid_places import doubt_of_imu, doubt_of_vanes
-from aircraft_sysid_ros.samples import Kind, Samples, middle_stamp
+from aircraft_sysid_ros.samples import Kind, Samples, middle_stamp, repeats
 from aircraft_sysid_ros.stamps import NANOSECONDS
 
 Array = npt.NDArray[np.float64]
@@ -67,6 +67,7 @@ class Stream:
     unusable: int = 0  # samples whose values are no numbers, between those that have some
     disordered: int = 0  # samples stamped before the one that arrived before them
     away: int = 0  # samples stamped half a day from the others
+    repeated: int = 0  # samples that are there once more, with the same stamp and values, and are left out
     name: str = ""  # of a named input, which is a stream of its own
 
     @property
@@ -254,12 +255,14 @@ def _stream(
     values = np.where(np.abs(values) <= WILD, values, np.nan)
     order = np.flatnonzero(usable & ~away)
     order = order[np.argsort(stamp[order], kind="stable")]
+    repeated = repeats(stamp[order], values[order])
+    order = order[~repeated]
     values = values[order]
     if kind == Kind.GPS_POSITION and not np.any(np.abs(values[:, :2]) > LARGEST_ANGLES):
         values[:, _LONGITUDE] = unwrapped(values[:, _LONGITUDE])
     return Stream(
         kind, (stamp[order] - start) / NANOSECONDS, (arrival[order] - stamp[order]) / NANOSECONDS, values,
-        _between(usable), disordered, int(np.sum(away)), name,
+        _between(usable), disordered, int(np.sum(away)), int(np.sum(repeated)), name,
     )  # fmt: skip
 
 

@@ -3,7 +3,8 @@
 The stamps of the IMU are the clock, since it is the fastest sensor. A sample is held until the clock has
 passed it by the horizon plus the longest sensor delay, so that one that is late by less than the horizon
 takes its own place, and the result depends on stamps alone: live and replay are the same to the last bit.
-What comes later still is dropped and counted.
+What comes later still is dropped and counted. So is a sample that is there already: of a topic that was recorded twice
+every measurement would count as two.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
-from aircraft_sysid_ros.samples import REQUIRED_VALUES, Kind, Samples, concatenate, is_absurd
+from aircraft_sysid_ros.samples import REQUIRED_VALUES, Kind, Samples, concatenate, is_absurd, repeats
 from aircraft_sysid_ros.stamps import NANOSECONDS
 
 #: An IMU stamp that leaps further ahead than this [ns] is believed only if the next one confirms it.
@@ -32,6 +33,8 @@ _NEVER = 1 << 62
 _MANY, _MOST_STAND = 50, 0.6
 #: Such a share of the GPS that is ahead is worth a word: it may run on while the IMU does not.
 _MOST_AHEAD = 0.5
+#: Such a share of samples that came again is worth a word.
+_MOST_REPEATED = 0.01
 #: Stamps that step by more [s] begin another part, and one of fewer samples is wrong stamps.
 _STEP, _LEAST_PART = 1.0, 50
 
@@ -44,6 +47,8 @@ class OrderCounts:
     invalid: npt.NDArray[np.int64] = field(default_factory=lambda: np.zeros(len(Kind), np.int64))
     late: npt.NDArray[np.int64] = field(default_factory=lambda: np.zeros(len(Kind), np.int64))
     wrong_stamp: npt.NDArray[np.int64] = field(default_factory=lambda: np.zeros(len(Kind), np.int64))
+    #: The same sample once more.
+    repeated: npt.NDArray[np.int64] = field(default_factory=lambda: np.zeros(len(Kind), np.int64))
     #: By how much [ns] the least late of those that were late came too late.
     least_late: npt.NDArray[np.int64] = field(default_factory=lambda: np.full(len(Kind), _NEVER))
     #: By how much [ns] the least early of those that were ahead of all other sensors were.
@@ -54,12 +59,25 @@ class OrderCounts:
     @property
     def stamps_in_words(self) -> str:
         """That the stamps of the IMU, which are the clock, are none; empty: they rise."""
-        received = int(self.received[Kind.IMU])
-        if self.standing < _MANY or self.standing < _MOST_STAND * received:
+        received, repeated = int(self.received[Kind.IMU]), int(self.repeated[Kind.IMU])
+        standing = self.standing - repeated
+        if standing < _MANY or standing < _MOST_STAND * (received - repeated):
             return ""
         return (
             f"the stamps of the IMU do not advance: {self.standing} of {received} samples have that of the one before; "
             "the driver must stamp each with the time at which it was taken"
+        )
+
+    @property
+    def repeated_in_words(self) -> str:
+        """That samples came more than once; empty: next to none did."""
+        many = [kind for kind in Kind if self.repeated[kind] > _MOST_REPEATED * max(int(self.received[kind]), 1)]
+        if not many:
+            return ""
+        listed = ", ".join(f"{self.repeated[kind]} of {self.received[kind]} of {kind.name.lower()}" for kind in many)
+        return (
+            f"samples came again with the same stamp and values, and count once ({listed}): is a topic recorded twice, "
+            "or sent by two programs?"
         )
 
     @property
@@ -216,6 +234,9 @@ class TimeOrder:
             self._clock = max(begin, int(imu.max()))
             self.elapsed += self._clock - begin
         held = held[np.lexsort((held.kind, held.stamp))]  # stable: equals stay in the order of arrival
+        if (repeated := repeats(held.stamp, held.values) & (np.diff(held.kind, prepend=-1) == 0)).any():
+            np.add.at(self.counts.repeated, held.kind[repeated], 1)
+            held = held[~repeated]
         due = 0
         if self._clock is not None:
             self._released_until = max(self._released_until, self._clock - self._lag)

@@ -38,6 +38,15 @@ def test_a_half_of_the_stamps_that_is_0_leaves_the_other(flown):
     assert judged.duration == pytest.approx(float(np.ptp(part.stamp[4000:])) * 1e-9)
 
 
+def test_a_recording_with_every_message_twice_is_said_to_be_that(flown):
+    """Stamps were too coarse, and values held at half of their rate."""
+    twice = flown[np.repeat(np.arange(len(flown)), 2)]
+    for name in ("specific_force.z", "true_airspeed", "elevator"):
+        once, found = said(flown, name), said(twice, name)
+        (new,) = [each for each in found if each not in once]
+        assert new[:2] == ("jitter", WARNING) and "count once" in new[2]
+
+
 def test_an_airspeed_below_zero_is_an_error_and_noise_at_rest_is_none(flown):
     east = with_column(flown, Kind.AIRSPEED, 0, lambda v: 15.0 * np.sin(np.arange(len(v)) / 300.0))
     kind, severity, sentence = next(each for each in said(east, "true_airspeed") if each[0] == "sign")

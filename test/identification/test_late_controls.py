@@ -88,3 +88,10 @@ def test_controls_that_all_come_too_late_are_said_to_come(aircraft, flight) -> N
     assert "needs de, whose samples come" in reasons["Cm_de"] and "too late to be used" in reasons["Cm_de"]
     waited = 3.0 - pipeline.state.options.horizon - pipeline.parameters.options.settle
     assert pipeline.parameters.stream.controls.pace.behind == pytest.approx(waited, abs=0.05)
+
+
+def test_a_flight_that_came_twice_is_the_flight(aircraft, flight) -> None:
+    """Every measurement counted as two: standard errors were too small by up to the root of that."""
+    twice = flight[np.repeat(np.arange(len(flight)), 2)]
+    points, _ = flown(aircraft, flight, 500)
+    np.testing.assert_array_equal(flown(aircraft, twice, 500)[0], points)

@@ -66,6 +66,28 @@ def test_release_does_not_depend_on_how_samples_are_handed_over(block: int) -> N
     assert np.array_equal(one.counts.late, other.counts.late)
 
 
+@pytest.mark.parametrize("block", [1, 7, 100_000])
+def test_what_comes_again_counts_once(block: int) -> None:
+    """A topic that was recorded twice made every standard error too small."""
+    samples = shuffled_arrival(3, 0.3)
+    once, order = TimeOrder(0.5, np.zeros(len(Kind))), TimeOrder(0.5, np.zeros(len(Kind)))
+    expected, _ = released(once, samples)
+    thrice = samples[np.repeat(np.arange(len(samples)), 3)]
+    assert released(order, *(thrice[i : i + block] for i in range(0, len(thrice), block)))[0] == expected
+    assert order.counts.repeated[Kind.IMU] == 4000 and order.counts.repeated[Kind.GPS_VELOCITY] == 200
+    assert "4000 of 6000 of imu" in order.counts.repeated_in_words and once.counts.repeated_in_words == ""
+    assert order.counts.stamps_in_words == "", "the stamps advance"
+
+
+def test_of_one_stamp_other_values_are_another_sample() -> None:
+    order = TimeOrder(0.5, np.zeros(len(Kind)))
+    twice = gps([0.1, 0.1])
+    twice.values[1, 0] += 1.0
+    out, _ = released(order, concatenate([imu(np.arange(0.0, 0.1, 0.01)), twice, imu(np.arange(0.1, 1.0, 0.01))]))
+    assert sum(kind == Kind.GPS_VELOCITY for _, kind in out) == 2
+    assert order.counts.repeated.sum() == 0
+
+
 def test_too_late_is_dropped_and_counted() -> None:
     order = TimeOrder(0.5, np.zeros(len(Kind)))
     out, _ = released(order, imu(np.arange(0.0, 3.0, 0.01)), gps([2.0]), gps([2.6]))
@@ -78,8 +100,9 @@ def test_an_imu_whose_stamps_stand_still_is_said(period, stands) -> None:
     """In whole seconds, or not at all; two sensors under one name have each stamp twice."""
     order = TimeOrder(0.5, np.zeros(len(Kind)))
     stamps = np.arange(0, 10 * 10**9, 10**7) // period * period
+    noise = np.random.default_rng(4)
     for part in np.array_split(stamps, 40):
-        list(order.push(samples_of(Kind.IMU, part, np.zeros((len(part), 6)))))
+        list(order.push(samples_of(Kind.IMU, part, noise.normal(size=(len(part), 6)))))
     assert ("the stamps of the IMU do not advance: 990 of 1000" in order.counts.stamps_in_words) == stands
     assert bool(order.counts.stamps_in_words) == stands
 

@@ -94,6 +94,12 @@ def _order(stream: Stream, names: tuple[str, ...]) -> list[Finding]:
             f"{same} of {len(stream.time)} samples have the stamp of the one before: the stamps are too coarse for "
             f"{stream.rate:.3g} Hz, record them in ns",
         ))  # fmt: skip
+    elif stream.repeated > 0.01 * len(stream.time):
+        found.append(Finding(
+            names, "jitter", WARNING,
+            f"{stream.repeated} of {len(stream.time) + stream.repeated} samples have stamp and values of the one "
+            "before, and count once: is the topic recorded twice, or sent by two programs?",
+        ))  # fmt: skip
     return found
 
 

@@ -28,7 +28,7 @@ from aircraft_sysid_ros.reconstruction.filter_setup import measured_at, stamp_de
 from aircraft_sysid_ros.reconstruction.servo_lag import servo_lag
 from aircraft_sysid_ros.reconstruction.sparse_imu import LONG
 from aircraft_sysid_ros.reconstruction.state import StateField
-from aircraft_sysid_ros.samples import CONTROL_COLUMNS, Kind, Samples, is_absurd
+from aircraft_sysid_ros.samples import CONTROL_COLUMNS, Kind, Samples, is_absurd, repeats
 from aircraft_sysid_ros.stamps import seconds
 
 Array = npt.NDArray[np.float64]
@@ -166,7 +166,9 @@ class ControlHistory:
         all_times = np.concatenate([old_times, times[in_time]])
         all_values = np.vstack([old_values, values[in_time, : old_values.shape[1]]])
         order = np.argsort(all_times, kind="stable")
-        self._series[kind] = (all_times[order], all_values[order])
+        all_times, all_values = all_times[order], all_values[order]
+        kept = ~repeats(all_times, all_values)
+        self._series[kind] = (all_times[kept], all_values[kept])
 
     def _count_late(self, kind: Kind, count: int) -> None:
         if kind in _OF_FIRST_STEP:
