@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from aircraft_sysid_ros.mavlink.servo_mapping import ServoMapping
     from aircraft_sysid_ros.recordings.imported_log import ImportedLog
 
-BAGS = (".mcap", ".db3")
+BAGS = (".mcap", ".db3", ".bag")
 
 
 def import_log(

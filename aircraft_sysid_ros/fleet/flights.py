@@ -24,7 +24,7 @@ from aircraft_sysid_ros.recordings.raw_messages import printable
 from aircraft_sysid_ros.run_reader import PARAMETERS
 from aircraft_sysid_ros.yaml_file import read_yaml
 
-RECORDINGS = (".mcap", ".db3")
+RECORDINGS = (".mcap", ".db3", ".bag")
 AUTOPILOTS = (".ulg", ".ulog", ".bin", ".tlog")
 LOGS = (*AUTOPILOTS, ".mat", ".data")
 TABLES = (".csv", ".tsv", ".txt", ".parquet", ".h5", ".hdf5", ".xlsx")

@@ -38,7 +38,10 @@ def import_autopilot_bag(path: Path, mapping: ServoMapping | None = None) -> Imp
     px4 = _px4_names({key: channel for key, channel in raw.channels.items() if channel.type.startswith(_PX4)})
     mavros = {key: name for key, c in raw.channels.items() if (name := _mavros_name(c.topic))[1] in MAVROS}
     if not px4 and not mavros:
-        raise InputError(f"it has neither topics of MAVROS nor px4_msgs: it holds {raw.topic_names()[:300]}")
+        raise InputError(
+            f"it has neither topics of MAVROS nor px4_msgs, and needs --map MAP.yaml, which `aircraft-sysid import "
+            f"{path} --guess MAP.yaml` begins: it holds {raw.topic_names()[:300]}"
+        )
     if len(px4) >= len(mavros):
         content = _content(raw, "bag of px4_msgs", px4, set(PX4))
         return import_content(_with_sample_times(content), PX4, mapping)

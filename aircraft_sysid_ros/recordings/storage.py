@@ -1,4 +1,4 @@
-"""Which kind of recording is it? rosbag2 folders and bare files, MCAP and sqlite3, whole or damaged."""
+"""Which kind of recording is it? rosbag2 folders and bare files, MCAP and sqlite3, whole or damaged; bags of ROS 1."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ from aircraft_sysid_ros.recordings.decompression import ZSTD_MAGIC, Undecompress
 from aircraft_sysid_ros.recordings.mcap_file import read_mcap, read_mcap_data
 from aircraft_sysid_ros.recordings.message_types import as_written
 from aircraft_sysid_ros.recordings.raw_messages import Channel, Integers, RawMessages
+from aircraft_sysid_ros.recordings.ros1_bag import ENDING, read_ros1
 from aircraft_sysid_ros.recordings.sqlite_file import counts_by_topic, read_sqlite
 from aircraft_sysid_ros.yaml_file import parse_yaml
 
@@ -28,7 +29,7 @@ _LOOKED_AT = 5  # messages that show their layout, of a topic whose type is not 
 
 
 def read_raw(path: str | Path) -> RawMessages:
-    """Messages of a rosbag2 folder (MCAP or sqlite3) or of one .mcap or .db3 file, as far as they can be read.
+    """Messages of a rosbag2 folder (MCAP or sqlite3) or of one .mcap, .db3 or .bag file, as far as can be.
 
     The notes say what could not. Raises InputError, one sentence, for what is missing, empty or not a recording, and
     where nothing of it can be read.
@@ -60,11 +61,13 @@ def _defined(messages: RawMessages) -> dict[int, Channel]:
 
 def _read_file(path: Path) -> RawMessages:
     """One file, which rosbag2 may have compressed."""
+    if path.suffix == ENDING:
+        return read_ros1(path)
     if path.suffix in _READERS:
         return _READERS[path.suffix](path)
     inner = Path(path.stem)
     if path.suffix != _COMPRESSED or inner.suffix not in _READERS:
-        raise InputError(f"{path} is not a recording: give a rosbag2 folder, an .mcap or a .db3 file")
+        raise InputError(f"{path} is not a recording: give a rosbag2 folder, an .mcap, a .db3 or a .bag file")
     compressed = path.read_bytes()
     try:
         content, is_whole = decompress_prefix(compressed, allowed_size(len(compressed)))

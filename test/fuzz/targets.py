@@ -162,6 +162,24 @@ def sqlite(data: bytes) -> None:
         read_recording(written("fuzz.db3", data))
 
 
+@cache
+def in_ros1() -> bytes:
+    """The recording as ROS 1 writes it, without what is ours."""
+    from rosbags.convert.converter import convert
+
+    path = folder() / "ros1.bag"
+    convert([recorded()], path, "", 0, None, "file", None, None, [], ["imu/data", "/imu/data", "/gps/fix"], [], [])
+    return path.read_bytes()
+
+
+@target(lambda: mutated(in_ros1()), 20)
+def ros1(data: bytes) -> None:
+    from aircraft_sysid_ros.recordings.reader import read_recording
+
+    with refusal():
+        read_recording(written("fuzz.bag", data))
+
+
 def of_metadata() -> st.SearchStrategy[Any]:
     seed = (recorded() / "metadata.yaml").read_text()
     return st.one_of(mutated_text(seed), mutated(seed.encode()), st.binary(max_size=200))

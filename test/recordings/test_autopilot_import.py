@@ -712,7 +712,9 @@ def test_what_is_no_log_is_refused_in_one_sentence(tmp_path, name, content, text
 
 def test_a_bag_of_something_else_is_refused(tmp_path):
     bag = write_bag(tmp_path / "other", {}, [(1, "/chatter", "std_msgs/msg/String", {"data": "x"})])
-    with pytest.raises(InputError, match="neither topics of MAVROS nor px4_msgs: it holds /chatter"):
+    with pytest.raises(
+        InputError, match=r"neither topics of MAVROS nor px4_msgs, and needs --map .*: it holds /chatter"
+    ):
         run_import(bag, tmp_path / "bag")
 
 

@@ -9,6 +9,7 @@ from fnmatch import fnmatchcase
 from pathlib import Path
 
 from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.recordings.tabular.bag_tables import bag_tables, is_bag
 from aircraft_sysid_ros.recordings.tabular.binary_files import excel_tables, hdf5_tables, mat_tables, parquet_tables
 from aircraft_sysid_ros.recordings.tabular.signals import near
 from aircraft_sysid_ros.recordings.tabular.table import Table
@@ -35,7 +36,7 @@ class Source:
     @property
     def is_folder(self) -> bool:
         """Whether tables are named by files."""
-        return self.path.is_dir()
+        return self.files != (self.path,)
 
     def formats(self) -> str:
         """What it is, for a report."""
@@ -81,7 +82,9 @@ class Source:
 
 
 def open_source(path: Path) -> Source:
-    """A file or folder; raises InputError where nothing in it can hold a table."""
+    """A file, folder or bag; raises InputError where nothing in it can hold a table."""
+    if is_bag(path):
+        return Source(path, (path,))
     if path.is_dir():
         files = tuple(sorted(file for file in path.iterdir() if file.is_file() and _reader(file) is not None))
         if not files:
@@ -93,7 +96,9 @@ def open_source(path: Path) -> Source:
 
 
 def open_file(path: Path) -> tuple[str, list[Table]]:
-    """Format and tables of a file; raises InputError."""
+    """Format and tables of a file or bag; raises InputError."""
+    if is_bag(path):
+        return bag_tables(path, path.name)
     reader = _reader(path)
     if reader is None:
         raise InputError(f"{path} cannot hold a table")

@@ -1,0 +1,130 @@
+"""Bags whose topics have other names and types than ours, of ROS 2 and of ROS 1: imported by a MAP of their topics."""
+
+import numpy as np
+import pytest
+from autopilot_log_files import write_bag
+from flown_columns import flown_columns
+from rosbags.convert.converter import convert
+
+from aircraft_sysid_ros.after_flight.log_import import guess_columns, import_log
+from aircraft_sysid_ros.aircraft.frames import quaternion_from_euler
+from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.recordings.reader import read_recording
+from aircraft_sysid_ros.samples import Kind
+
+START = 1_700_000_000_000_000_000
+DEGREES = 180.0 / np.pi
+PROBE = "std_msgs/Header header\nfloat64 alpha_deg\nfloat64 beta_deg\n"
+VFR_HUD = (
+    "std_msgs/Header header\nfloat32 airspeed\nfloat32 groundspeed\nint16 heading\nfloat32 throttle\n"
+    "float32 altitude\nfloat32 climb\n"
+)
+
+
+@pytest.fixture(scope="module")
+def flown():
+    return flown_columns()
+
+
+def _vector(x, y, z):
+    return {"x": float(x), "y": float(y), "z": float(z)}
+
+
+def _stamped(stamp):
+    return {"header": {"stamp": {"sec": stamp // 10**9, "nanosec": stamp % 10**9}}}
+
+
+def _messages(flown):
+    """What drivers write: an IMU (FLU, ENU), a receiver, a pitot tube without a header, and a probe of its own type."""
+    turned = np.array([1.0, -1.0, -1.0])
+    for i in range(0, len(flown["time"]), 2):
+        stamp = START + round(flown["time"][i] * 1e9)
+        force = turned * [flown[f"specific_force.{a}"][i] for a in "xyz"]
+        rate = turned * [flown[f"angular_velocity.{a}"][i] for a in "xyz"]
+        imu = {"linear_acceleration": _vector(*force), "angular_velocity": _vector(*rate)}
+        yield stamp + 300_000, "/vn100/imu", "sensor_msgs/msg/Imu", {**_stamped(stamp), **imu}
+        yield stamp + 400_000, "/imu/temperature", "std_msgs/msg/Float32", {"data": 41.0}
+        yield stamp, "/pitot/airspeed_mps", "std_msgs/msg/Float32", {"data": float(flown["true_airspeed"][i])}
+        angles = {"alpha_deg": DEGREES * flown["angle_of_attack"][i], "beta_deg": DEGREES * flown["sideslip"][i]}
+        yield stamp + 500_000, "/boom/angles", "lab_msgs/msg/Probe", {**_stamped(stamp), **angles}
+        if i % 20 == 0:
+            place = {name: DEGREES * flown[name][i] for name in ("latitude", "longitude")}
+            fix = {**_stamped(stamp), **place, "altitude": float(flown["altitude"][i]), "status": {"status": 0}}
+            yield stamp + 800_000, "/ublox/fix", "sensor_msgs/msg/NavSatFix", fix
+
+
+@pytest.fixture(scope="module")
+def bag(flown, tmp_path_factory):
+    return write_bag(tmp_path_factory.mktemp("bags") / "flight", {"lab_msgs/msg/Probe": PROBE}, list(_messages(flown)))
+
+
+def _in_ros1(bag, path, without=()):
+    """The same bag as ROS 1 writes it."""
+    convert([bag], path, "", 0, None, "file", None, None, list(without), [], [], [])
+    return path
+
+
+@pytest.mark.parametrize("ros", [1, 2])
+def test_topics_of_any_name_are_guessed_and_imported(flown, bag, tmp_path, ros):
+    """Only those of MAVROS and px4_msgs could be, and of ROS 1 nothing."""
+    log = bag if ros == 2 else _in_ros1(bag, tmp_path / "flight.bag")
+    report = guess_columns(log, tmp_path / "map.yaml")
+    signals = {line["signal"]: line for table in report["tables"] for line in table["lines"] if line["active"]}
+    imu = {f"{kind}.{axis}" for kind in ("specific_force", "angular_velocity") for axis in "xyz"}
+    expected = {"angle_of_attack", "sideslip", "latitude", "longitude", "altitude"}
+    assert imu - {"specific_force.y"} | expected <= set(signals)
+    assert signals["angular_velocity.z"]["sign"] == signals["specific_force.z"]["sign"] == -1.0
+    assert "air_temperature" not in signals  # that of the instrument
+
+    text = (tmp_path / "map.yaml").read_text()
+    side = next(line for line in text.splitlines() if "specific_force.y" in line)
+    text = text.replace(side, '      specific_force.y: {column: "linear_acceleration.y", unit: "m/s^2", sign: -1}')
+    speed = next(line for line in text.splitlines() if "pitot/airspeed_mps" in line and "column" in line)
+    (tmp_path / "map.yaml").write_text(text.replace(speed, speed.replace("indicated_airspeed", "true_airspeed")))
+    import_log(log, tmp_path / "out", columns=tmp_path / "map.yaml")
+    samples = read_recording(tmp_path / "out").samples
+    of_imu = samples[samples.kind == Kind.IMU]
+    assert of_imu.stamp[0] == START  # of the header, and not of the recorder
+    np.testing.assert_allclose(of_imu.values[:, 2], flown["specific_force.z"][::2], atol=1e-6)
+    np.testing.assert_allclose(of_imu.values[:, 1], flown["specific_force.y"][::2], atol=1e-6)
+    np.testing.assert_allclose(of_imu.values[:, 5], flown["angular_velocity.z"][::2], atol=1e-6)
+    alpha = samples[samples.kind == Kind.ANGLE_OF_ATTACK].values[:, 0]
+    np.testing.assert_allclose(alpha, flown["angle_of_attack"][::2], atol=1e-6)
+    np.testing.assert_allclose(
+        samples[samples.kind == Kind.AIRSPEED].values[:, 0], flown["true_airspeed"][::2], atol=1e-5
+    )
+
+
+def test_a_bag_of_ros_1_of_mavros_needs_no_map(flown, tmp_path):
+    """As most flights with MAVROS that people share are."""
+    messages = []
+    for i in range(0, 1000, 2):
+        stamp = START + round(flown["time"][i] * 1e9)
+        q = quaternion_from_euler(*(flown[f"attitude.{name}"][i] for name in ("roll", "pitch", "yaw")))
+        imu = {"orientation": dict(zip("wxyz", map(float, q), strict=True)), "linear_acceleration": _vector(0, 0, 9.8)}
+        messages.append((stamp, "/mavros/imu/data", "sensor_msgs/msg/Imu", {**_stamped(stamp), **imu}))
+        hud = {"airspeed": float(flown["true_airspeed"][i])}
+        messages.append((stamp, "/mavros/vfr_hud", "mavros_msgs/msg/VfrHud", {**_stamped(stamp), **hud}))
+    bag = write_bag(tmp_path / "two", {"mavros_msgs/msg/VfrHud": VFR_HUD}, messages)
+    report = import_log(_in_ros1(bag, tmp_path / "flight.bag"), tmp_path / "out")
+    assert report["format"] == "bag of MAVROS topics" and report["found"]["imu/data"]["messages"] == 500
+    samples = read_recording(tmp_path / "out").samples
+    assert (samples.kind == Kind.IMU).sum() == 500
+
+
+def test_what_is_no_bag_of_ros_1_is_said_in_one_sentence(bag, tmp_path):
+    for content in (
+        b"",
+        b"no bag",
+        b"#ROSBAG V2.0\n" + bytes(100),
+        _in_ros1(bag, tmp_path / "a.bag").read_bytes()[:5000],
+    ):
+        (tmp_path / "b.bag").write_bytes(content)
+        with pytest.raises(InputError, match=r"b\.bag") as refused:
+            import_log(tmp_path / "b.bag", tmp_path / "out")
+        assert "\n" not in str(refused.value) and not (tmp_path / "out").exists()
+
+
+def test_a_bag_without_a_map_says_how_one_is_begun(bag, tmp_path):
+    with pytest.raises(InputError, match=r"--guess MAP\.yaml` begins: it holds .*/vn100/imu"):
+        import_log(bag, tmp_path / "out")
