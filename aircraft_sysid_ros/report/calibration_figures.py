@@ -29,6 +29,7 @@ def trace_figure(report: Report, path: str | Path) -> Path:
 
     answer = report.answer
     names2 = answer.problem.names2
+    units = {str(p["name"]): p["unit"] for p in report.parameters}
     free = np.flatnonzero(answer.determined[answer.problem.n1 :])
     columns = min(len(free), 3)
     rows = -(-len(free) // columns)
@@ -41,7 +42,7 @@ def trace_figure(report: Report, path: str | Path) -> Path:
     for column, (number, plot) in enumerate(zip(free, axes.flat, strict=False)):
         plot.semilogy(answer.samples.xi2[there, column], trace[there], ".", ms=3, color=RESIDUAL_COLOUR)
         plot.axvline(estimate[number], color=PREDICTED_COLOUR, lw=1.2, label="estimate")
-        plot.set_xlabel(names2[number])
+        plot.set_xlabel(f"{names2[number]} [{units.get(names2[number]) or '-'}]")
         plot.grid(alpha=0.3)
     for plot in axes.flat[len(free) :]:
         plot.set_visible(False)

@@ -19,6 +19,11 @@ Array = npt.NDArray[np.float64]
 # Okabe and Ito: told apart by the colour-blind.
 MEASURED_COLOUR, PREDICTED_COLOUR, RESIDUAL_COLOUR = "#000000", "#D55E00", "#0072B2"
 _AXIS_COLOURS = ("#E69F00", "#56B4E9", "#D55E00", "#0072B2", "#000000", "#CC79A7")
+#: Units of the outputs of the aircraft model, by what they are of.
+_UNITS = {
+    "specific_force": "m/s²", "angular_rate": "rad/s", "position": "m", "velocity": "m/s", "attitude": "rad",
+    "airspeed": "m/s", "angle_of_attack": "rad", "sideslip": "rad",
+}  # fmt: skip
 _SYMBOLS = {"CX": "$C_X$", "CY": "$C_Y$", "CZ": "$C_Z$", "Cl": "$C_l$", "Cm": "$C_m$", "Cn": "$C_n$"}
 
 
@@ -138,8 +143,9 @@ def outputs_figure(time: Array, measured: Array, modelled: Array, path: str | Pa
     """
     plt = pyplot()
 
-    from aircraft_sysid_ros.flight_model.layout import OUTPUT_NAMES
+    from aircraft_sysid_ros.flight_model.layout import GROUP_OF_OUTPUT, OUTPUT_GROUPS, OUTPUT_NAMES
 
+    units = [_UNITS[OUTPUT_GROUPS[group]] for group in GROUP_OF_OUTPUT]
     shown = [i for i in range(len(OUTPUT_NAMES)) if np.any(np.isfinite(measured[:, i]))]
     rows = (len(shown) + 2) // 3
     figure, axes = plt.subplots(rows, 3, figsize=(16, 2.1 * rows), sharex=True, layout="constrained", squeeze=False)
@@ -150,7 +156,7 @@ def outputs_figure(time: Array, measured: Array, modelled: Array, path: str | Pa
         for k, part in enumerate(parts):
             label = "model" if k == 0 else None
             plot.plot(time[part], modelled[part, i], color=PREDICTED_COLOUR, lw=0.9, label=label)
-        plot.set_title(OUTPUT_NAMES[i], fontsize=9, loc="left")
+        plot.set_title(f"{OUTPUT_NAMES[i]} [{units[i]}]", fontsize=9, loc="left")
         plot.grid(alpha=0.3)
     axes[0, 0].legend(loc="upper right", fontsize=8)
     for plot in axes[-1]:

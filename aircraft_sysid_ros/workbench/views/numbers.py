@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+import math
 from collections.abc import Iterable, Sequence
 
 import numpy as np
@@ -41,4 +42,4 @@ def coefficients_csv(comparison: Comparison) -> str:
             found.floor.std,
         ]
     table = np.column_stack(columns)
-    return _csv(header, ([f"{value:.7g}" if np.isfinite(value) else "" for value in row] for row in table))
+    return _csv(header, ([f"{value:.7g}" if math.isfinite(value) else "" for value in row.tolist()] for row in table))
