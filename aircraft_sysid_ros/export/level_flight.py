@@ -19,6 +19,8 @@ SEA_LEVEL_DENSITY = 1.225  # [kg/m^3] of the calibrated airspeed
 #: Residual [-] of the coefficients that still counts as trimmed.
 _TOLERANCE = 1e-6
 _STEP = 1e-5
+#: Angle of attack, sideslip or bank [rad] beyond which no level flight is meant, but a hover or a knife edge.
+_STEEPEST = 0.5
 SLOPES = ("alpha", "beta", "p", "q", "r", "de", "da", "dr", "alpha_dot")
 #: The moment that each surface is there for.
 MOMENT_OF = {"de": "Cm", "da": "Cl", "dr": "Cn"}
@@ -93,19 +95,19 @@ def level_flight(learnt: LearntModel, airspeed: float) -> LevelFlight:
 
     start = np.zeros(len(free) + banks)
     found = least_squares(residual, start, method="lm", xtol=1e-12, ftol=1e-14, gtol=1e-14)
-    if not np.max(np.abs(found.fun)) < _TOLERANCE:
+    signals, bank = put(found.x), float(found.x[-1]) if banks else 0.0
+    steepest = max(abs(signals[names.index("alpha")]), abs(signals[names.index("beta")]), abs(bank))
+    if not np.max(np.abs(found.fun)) < _TOLERANCE or steepest > _STEEPEST:
         raise InputError(
             f"the model {learnt.identifier} has no steady level flight at {airspeed:.1f} m/s: what it lacks of lift, "
             "pitching moment or control shows in aircraft-sysid compare"
         )
-    signals = put(found.x)
     at = {name: float(signals[names.index(name)]) for name in _FLOW}
     outside = tuple(
         n for n in (*free, "V") if n in learnt.ranges and not _within(signals[names.index(n)], learnt.ranges[n])
     )
     calibrated = airspeed * float(np.sqrt(density / SEA_LEVEL_DENSITY))
     surfaces = np.array([at[name] for name in SURFACES])
-    bank = float(found.x[-1]) if banks else 0.0
     newtons = float(signals[names.index("Tc")]) * qbar * aircraft.wing_area if thrust == "Tc" else np.nan
     return LevelFlight(airspeed, calibrated, density, at["alpha"], bank, surfaces, newtons, signals, outside)
 

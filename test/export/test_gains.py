@@ -175,6 +175,17 @@ def test_with_either_autopilots_formula_the_rate_follows_its_setpoint(learnt, lo
     assert by_feed_forward == pytest.approx(1.0, abs=0.05)
 
 
+def test_an_aeroplane_of_whose_lift_nothing_is_known_has_no_level_flight(learnt):
+    """It hung on its propeller at an angle of attack of 90 deg, and the file for JSBSim said so."""
+    part = learnt.model.axis_slice("CZ")
+    listed = list(learnt.parameters)
+    listed[part] = [replace(p, value=np.nan, std=np.nan, status="HOLD") for p in listed[part]]
+    unknown = replace(learnt, parameters=tuple(listed))
+    with pytest.raises(InputError, match="no steady level flight"):
+        level_flight(unknown, airspeeds_of(unknown)[0])
+    assert not any("level flight" in note for note in export_jsbsim(unknown).notes)
+
+
 def test_a_trim_that_is_not_set_is_said_wherever_it_is_listed(learnt):
     """In the file it was a comment, and on the terminal and in the JSON a value like any other."""
     held = tuple(replace(p, status="HOLD") if p.name == "Cn_dr" else p for p in learnt.parameters)
