@@ -19,8 +19,8 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
     parser.add_argument(
         "log",
         metavar="SOURCE",
-        help=f"{' '.join(KINDS)} file, a bag of MAVROS topics or px4_msgs; with --map or --guess any bag, a table, or a "
-        "folder of tables: CSV, TSV, columns between blanks, Parquet, HDF5, .mat, .xlsx",
+        help=f"{' '.join(KINDS)} file, a bag of MAVROS topics or px4_msgs; with --map or --guess any bag, a table, or "
+        "a folder of tables: CSV, TSV, columns between blanks, Parquet, HDF5, .mat, .xlsx",
     )
     parser.add_argument("--out", metavar="BAG", help="rosbag2 folder to write, or a file NAME.mcap")
     ways = parser.add_mutually_exclusive_group()

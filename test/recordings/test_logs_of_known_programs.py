@@ -222,3 +222,24 @@ def test_rates_in_thousandths_are_not_taken_for_degrees(tmp_path, flown):
     mavlink(flown, tmp_path)
     (part,) = guess_map(tmp_path / "log.csv").parts
     assert {line.unit for line in part.lines if line.signal.startswith("angular_velocity")} == {"mrad/s"}
+
+
+def test_what_simulink_logs_as_a_structure_with_time_has_its_time(tmp_path, flown):
+    """Its signals were tables of their own without one."""
+    force = np.stack([flown[f"specific_force.{axis}"] for axis in "xyz"], axis=1)
+    kinds = [("values", "O"), ("dimensions", "O"), ("label", "O")]
+    several = np.array(
+        [(flown["true_airspeed"][:, None], 1.0, "TAS_mps"), (force, 3.0, "acc"), (np.zeros((2, 2, 9001)), 4.0, "")],
+        kinds,
+    )
+    one = {"values": flown["throttle"][:, None], "dimensions": 1.0, "label": "throttle"}
+    logs = {
+        "logs": {"time": flown["time"], "signals": several, "blockName": "flight/To Workspace"},
+        "lever": {"time": flown["time"], "signals": one, "blockName": "flight/To Workspace1"},
+    }
+    savemat(tmp_path / "log.mat", logs)
+    parts = {
+        part.file: {line.signal: line.column for line in part.lines} for part in guess_map(tmp_path / "log.mat").parts
+    }
+    assert parts["lever"] == {"throttle": "throttle"}
+    assert parts["logs"]["true_airspeed"] == "TAS_mps" and parts["logs"]["specific_force.z"] == "acc[2]"

@@ -187,6 +187,8 @@ def _add_structure(tables: list[Table], content: Mapping[str, Any], title: str, 
             found = _components(key, channel[0])
             columns.update(found)
             units.update(dict.fromkeys(found, channel[1]))
+        elif {"time", "signals"} <= set(getattr(value, "_fieldnames", ())):
+            tables.append(_of_simulink(inner, value))
         elif hasattr(value, "_fieldnames"):
             _add_structure(tables, {field: getattr(value, field) for field in value._fieldnames}, inner, name)
         elif isinstance(value, np.ndarray) and value.dtype.kind in "fiu":
@@ -249,6 +251,17 @@ def _labels(content: Mapping[str, Any], key: str, value: npt.NDArray[Any]) -> li
         if value.ndim == 2 and labels.dtype.kind in "UO" and len(labels) == value.shape[1]:
             return [str(label).strip() for label in labels]
     return []
+
+
+def _of_simulink(title: str, logged: Any) -> ArrayTable:
+    """What a block of Simulink logs as a structure with time: the columns of each signal, called by its label."""
+    columns: dict[str, Any] = {"time": np.asarray(logged.time, dtype=np.float64).ravel()}
+    for number, signal in enumerate(np.atleast_1d(logged.signals), 1):
+        label = str(getattr(signal, "label", "") or "").strip() or f"signal {number}"
+        values = getattr(signal, "values", None)
+        if isinstance(values, np.ndarray) and values.dtype.kind in "fiub":
+            columns |= _components(label, values)
+    return ArrayTable(title, tuple(columns), {"time": "s"}, arrays=tuple(columns.values()))
 
 
 def _of_sidpac(title: str, fdata: npt.NDArray[Any]) -> ArrayTable:
