@@ -257,7 +257,8 @@ def _of_simulink(title: str, logged: Any) -> ArrayTable:
     """What a block of Simulink logs as a structure with time: the columns of each signal, called by its label."""
     columns: dict[str, Any] = {"time": np.asarray(logged.time, dtype=np.float64).ravel()}
     for number, signal in enumerate(np.atleast_1d(logged.signals), 1):
-        label = str(getattr(signal, "label", "") or "").strip() or f"signal {number}"
+        said = getattr(signal, "label", "")
+        label = said.strip() if isinstance(said, str) and said.strip() else f"signal {number}"
         values = getattr(signal, "values", None)
         if isinstance(values, np.ndarray) and values.dtype.kind in "fiub":
             columns |= _components(label, values)
