@@ -144,6 +144,16 @@ class ParameterCheckpoint:
         return np.array([(p.value, p.std) for p in self.found.parameters]).reshape(-1, 2).T
 
     @cached_property
+    def within_flight(self) -> Array:
+        """The same with the standard errors of what differs from one time of the flight to another: what sensors that
+        nobody described leave in doubt is alike at both, see ``Description.shared_variance``.
+        """
+        if self.carried is not None:
+            return self.said
+        value, std = self.said
+        return np.array([value, np.sqrt(np.maximum(std**2 - self.describe.shared_variance(), 0.0))])
+
+    @cached_property
     def theta(self) -> Array:
         """The same values (parameters,), 0 where nothing was known."""
         return np.nan_to_num(self.describe.values() if self.carried is None else self.said[0])

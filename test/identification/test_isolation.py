@@ -9,9 +9,11 @@ import pytest
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.aircraft.signals import SIGNALS
-from aircraft_sysid_ros.identification.coefficients.layout import CoefficientSample
+from aircraft_sysid_ros.identification.coefficients.layout import WEIGHT_COLUMNS, CoefficientSample
 from aircraft_sysid_ros.identification.history import SampleHistory
 from aircraft_sysid_ros.identification.monitoring.error_watch import LAG
+from aircraft_sysid_ros.identification.monitoring.hold import Hold, Release
+from aircraft_sysid_ros.identification.monitoring.hold_end import Signs
 from aircraft_sysid_ros.identification.monitoring.integrity import IntegrityMonitor
 from aircraft_sysid_ros.identification.monitoring.isolation import explanations, noisy_records, wrong_gyros
 from aircraft_sysid_ros.identification.monitoring.known_before import BETTER, SHARE, KnownBefore, cause
@@ -127,7 +129,9 @@ def known_as(aircraft, theta, share: float = 0.01):
         sums[axis, 0, : n + 2, : n + 2] = np.diag([*np.ones(n), 1e-6, 1.0])  # each term moves more than matters
     state = SimpleNamespace(sums=sums, offsets=offsets)
     said = np.array([(p.value, p.std) for p in found]).T
-    return SimpleNamespace(found=SimpleNamespace(parameters=found), said=said, least_squares=state, theta=theta)
+    return SimpleNamespace(
+        found=SimpleNamespace(parameters=found), said=said, within_flight=said, least_squares=state, theta=theta
+    )
 
 
 def with_(aircraft, truth, **factors: float):
@@ -171,7 +175,9 @@ def test_what_is_known_far_better_is_a_change_after_something_was_wrong(aircraft
 
 def monitor_of(aircraft, truth, status=Trust.USE):
     """A monitor that knows what is true, with a usual error in all axes."""
-    integrity = IntegrityMonitor(aircraft, STEP, 2.0 * STEP, 0.999, False, SampleHistory(60, 250))
+    integrity = IntegrityMonitor(
+        aircraft, STEP, 2.0 * STEP, 0.999, False, SampleHistory(CoefficientSample.TERMS + len(truth), 250)
+    )
     for axis in range(6) if status == Trust.USE else ():
         integrity.known_before.note(axis, known_as(aircraft, truth))
     samples = np.zeros((GUARD + 20 * WINDOW, CoefficientSample.TERMS))
@@ -209,6 +215,67 @@ def test_what_was_learnt_together_with_a_contradiction_is_not_believed_either(ai
     assert integrity.holds[3] is not None and "aileron" in integrity.holds[3].words
     assert integrity.holds[5] is not None and integrity.holds[5].good is good
     assert all(integrity.holds[axis] is None for axis in (0, 1, 2, 4))
+
+
+def test_two_axes_do_not_hold_each_other_in_turns(aircraft, truth):
+    """Half an aileron: each was let go while the other was still held, and was held anew for that."""
+    integrity = monitor_of(aircraft, truth)
+    now = known_as(aircraft, with_(aircraft, truth, Cl_da=-0.1), 1e-3)
+    now.time = 100.0
+    for axis in (3, 5):
+        integrity._before[axis] = known_as(aircraft, truth)
+        integrity.errors.end_hold(axis, 96.0)
+    integrity._compare_with_before(now)
+    assert [integrity.holds[axis] is not None for axis in (3, 5)] == [True, True]
+    integrity._let_go(3, 101.0, None)
+    integrity._before[3] = known_as(aircraft, truth)
+    integrity._doubt_together(now)
+    assert [integrity.holds[axis] is not None for axis in (3, 5)] == [False, True]
+
+
+def test_what_a_surface_lost_in_one_axis_is_believed_of_the_others(aircraft, truth):
+    """Only as much of it, and nothing besides."""
+    known = noted(aircraft, truth)
+    lost = known_as(aircraft, with_(aircraft, truth, Cl_da=0.5))
+    known.accept(known.changes(lost), lost, "the aileron lost half")
+
+    def believed(**factors: float) -> bool:
+        now = known_as(aircraft, with_(aircraft, truth, Cl_da=0.5, **factors))
+        return known.accept_alike(known.changes(now), now)
+
+    assert not believed(Cn_da=0.2)
+    assert not believed(Cn_da=0.5, Cn_p=0.5)
+    assert not believed(Cn_dr=0.5)
+    assert believed(Cn_da=0.53)
+    assert len(known.changed) == 2
+    known.regain(known_as(aircraft, truth))
+    assert not believed(CY_da=0.5)
+
+
+@pytest.mark.parametrize(("moved", "goes_back"), [(0.0, False), (1.0, True)])
+def test_a_hold_does_not_end_while_what_was_lost_does_not_move(aircraft, truth, moved, goes_back):
+    """After half of an aileron was lost roll rate and sideslip alone moved for 4 s: both sets predict them alike, and
+    the old effect had USE again. Where the aileron moves, and does what it did, it may.
+    """
+    integrity, axis = monitor_of(aircraft, truth), AXES.index("Cl")
+    good, newest = (known_as(aircraft, with_(aircraft, truth, Cl_da=left)) for left in (1.0, 0.5))
+    good.time, newest.time = 5.0, 99.0
+    integrity.checkpoints.keep(newest)
+    samples = np.zeros((GUARD + WINDOW, CoefficientSample.TERMS + len(truth)))
+    samples[:, CoefficientSample.TIME] = 100.0 + STEP * np.arange(len(samples))
+    samples[:, CoefficientSample.LEARNT] = 1.0
+    at = aircraft.model.parameter_names.index("Cl_da")
+    terms = samples[:, CoefficientSample.TERMS :]
+    terms[:, at - 2] = terms[:, at - 1] = 0.01 * np.sin(np.arange(len(samples)))
+    terms[:, at] = moved * 0.1 * np.cos(np.arange(len(samples)))
+    part = aircraft.model.axis_slice("Cl")
+    samples[:, CoefficientSample.MEASURED.start + axis] = terms[:, part] @ truth[part]
+    samples[:, CoefficientSample.PREDICTED.start + axis] = terms[:, part] @ newest.theta[part]
+    weights = np.zeros((len(samples), WEIGHT_COLUMNS))
+    integrity._history.add(samples, weights, samples[:, CoefficientSample.PREDICTED])
+    hold = Hold(98.0, 98.0, "model error", good, sensor=False, high=True)
+    hold.sensor = True  # as where what was learnt was not believed: no sensor has said anything
+    assert (integrity._end.decide(axis, hold, 110.0, Signs(), False) is Release.BACK) == goes_back
 
 
 def test_an_effect_that_was_lost_may_come_back(aircraft, truth):

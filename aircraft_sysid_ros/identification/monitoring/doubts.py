@@ -30,7 +30,7 @@ from aircraft_sysid_ros.identification.parameter_set import ParameterEstimate
 from aircraft_sysid_ros.identification.trust import Trust, is_unphysical, lack_of_fit
 
 #: How the words for C_X begin where it is in doubt for the lift.
-_OF_LIFT = "contains the lift that CZ has: "
+OF_LIFT = "contains the lift that CZ has: "
 #: How those begin for what p and aileron do beside C_l.
 _OF_ROLL = "rests on the roll: "
 _ROLL, _BESIDE_ROLL, _ROLLED = AXES.index("Cl"), ("CY", "Cn"), ("p", "da")
@@ -77,7 +77,7 @@ class Doubts:
             # of what it learnt lately another estimator says too little: a tenth of the motion may be that
             part = self._model.axis_slice(name)
             words = lack_of_fit(name, unexplained, over_noise, np.nan if joint else worst)
-            if not words and ranges[axis] and not ranges[axis].startswith(_OF_LIFT):
+            if not words and ranges[axis] and not ranges[axis].startswith(OF_LIFT):
                 self._spared[axis] = self._ranges.spared(axis, kept.theta[part])
             if words := words or ranges[axis]:
                 self._misfits[axis] = words
@@ -109,7 +109,7 @@ class Doubts:
         hold = holds[lift]
         of_lift = hold.what if hold is not None and hold.high and not hold.sure else found[lift]
         if of_lift:
-            found[drag] = f"{_OF_LIFT}{of_lift}"
+            found[drag] = f"{OF_LIFT}{of_lift}"
         return found
 
     @property

@@ -166,6 +166,16 @@ class ErrorWatch:
         old = self.of(axis, since, LONG, good.theta)[1]
         return len(newest) == LONG and float(old.mean()) > WORSE * float(newest.mean())
 
+    def are_alike(self, axis: int, samples: int, good: ParameterCheckpoint) -> bool:
+        """Whether so many samples of motion as before the good parameters would not tell them from the newest."""
+        newest, part = self._checkpoints.newest(), self._model.axis_slice(AXES[axis])
+        if newest is None:
+            return True
+        apart, sums = newest.theta[part] - good.theta[part], good.least_squares.sums[axis, 0]
+        n = len(apart)
+        square = float(apart @ sums[:n, :n] @ apart) / max(float(sums[n + 1, n + 1]), 1e-300)
+        return not samples * square > DECIDES * self.monitor.usual(axis)[0]
+
     def over_usual(self) -> Array:
         """Rms error of the newest second of motion of each axis over the usual (6,)."""
         return np.sqrt(self._levels / np.maximum(self._usual(), 1e-300))

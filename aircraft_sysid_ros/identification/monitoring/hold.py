@@ -37,6 +37,7 @@ class Hold:
     last_heard: float = np.nan  # [s] of the sensor that the words call lost
     told: bool = False  # they name one that is lost, or that contradicts all others by itself
     leader: int | None = None  # the axis that found it stuck, whose end is the end of this one
+    is_beside: bool = False  # it agrees with what was known, and another axis contradicts that
 
     def rename(self, words: str) -> None:
         """Say what explains it, unless a sensor is known to be lost or wrong, or contradicts all others by itself."""

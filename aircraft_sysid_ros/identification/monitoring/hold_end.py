@@ -8,8 +8,10 @@ usual,
 
 is twice the log likelihood of the newest over the good. After a sensor the good parameters stand unless D speaks
 against them for SURE seconds, and learning goes back to them, in all axes at once. Without any sign of a sensor the
-newest stand unless D speaks against them. Either way they are believed only where they are what was known before, or
-an aeroplane of which one surface lost effect or the centre of gravity moved (``known_before``, ``isolation``); else the
+newest stand unless D speaks against them, and go back where D surely does, or where both would predict alike whatever
+moves: while a surface that lost effect is not moved, they do so in all that is seen. Either way they are believed only
+where they are what was known before, or an aeroplane of which one surface lost effect or the centre of gravity moved
+(``known_before``, ``isolation``); else the
 axis stays at the good parameters until those predict again. A surface of which nothing is left is taken for one that
 is stuck: its axis stays at the good parameters, and so do all others in which that surface has a term. So they do
 where the record of a surface stopped to the last bit when the error rose: then only motion after it goes on says which
@@ -84,11 +86,14 @@ class HoldEnd:
             return Release.ON if is_normal else None
         good = self.errors.of(axis, quiet, MOST_EVIDENCE, hold.good.theta)[1]
         bar = DECIDES if hold.sensor else -DECIDES
-        newest_better = float(np.sum(good - newest)) > bar * self.errors.monitor.usual(axis)[0]
+        better = float(np.sum(good - newest))  # D s^2
+        newest_better = better > bar * self.errors.monitor.usual(axis)[0]
         if not newest_better and joint and not hold.sensor:
             return Release.ON if is_normal and self._is_believed(axis, hold, quiet) else None
         if not newest_better:
-            return None if self.errors.exceeds(axis, float(good.mean()), NORMAL) else Release.BACK
+            stays = self.errors.exceeds(axis, float(good.mean()), NORMAL)
+            unseen = signs.last < hold.since and self._is_unseen(axis, better, len(times), hold.good)
+            return None if stays or unseen else Release.BACK
         hold.stuck = self._stuck(axis, hold.good)
         if hold.stuck or (hold.sensor and now - signs.last < SURE):
             return None
@@ -99,6 +104,14 @@ class HoldEnd:
         if not is_normal:
             self.errors.monitor.forget(axis)  # what is usual is another now
         return Release.ON
+
+    def _is_unseen(self, axis: int, better: float, samples: int, good: ParameterCheckpoint) -> bool:
+        """Whether so many samples leave open which set is right, of two that are apart where the axis moves as it did.
+
+        ``better``: D s^2 of the samples. A surface that lost effect may not have been moved since.
+        """
+        surely_good = better < -DECIDES * self.errors.monitor.usual(axis)[0]
+        return not surely_good and not self.errors.are_alike(axis, samples, good)
 
     def _is_believed(self, axis: int, hold: Hold, quiet: float) -> bool:
         """Whether the newest are what was known, or an aeroplane that lost something; else says what may be wrong."""

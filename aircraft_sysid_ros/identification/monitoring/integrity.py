@@ -34,7 +34,7 @@ from aircraft_sysid_ros.aircraft.configuration import Aircraft
 from aircraft_sysid_ros.identification.coefficients.layout import CoefficientSample
 from aircraft_sysid_ros.identification.history import Carry, Checkpoints, ParameterCheckpoint, SampleHistory
 from aircraft_sysid_ros.identification.monitoring.coefficient_noise import CoefficientNoise
-from aircraft_sysid_ros.identification.monitoring.doubts import Doubts
+from aircraft_sysid_ros.identification.monitoring.doubts import OF_LIFT, Doubts
 from aircraft_sysid_ros.identification.monitoring.error_watch import LAG, ErrorWatch
 from aircraft_sysid_ros.identification.monitoring.hold import Hold, Release, Restore, with_holds
 from aircraft_sysid_ros.identification.monitoring.hold_end import CLEAR, SURE, HoldEnd, Signs
@@ -224,6 +224,7 @@ class IntegrityMonitor:
     def _release(self, now: float) -> list[Restore]:
         """End the holds that are to end; returns those that go back."""
         self._follow_stuck(now)
+        self._follow_lift(now)
         held = {axis: hold for axis, hold in enumerate(self.holds) if hold is not None}
         ends = {
             axis: self._end.decide(axis, hold, now, self._signs, self.joint)
@@ -257,6 +258,20 @@ class IntegrityMonitor:
                     follower = Hold(hold.since, now, hold.words, good, sensor=False, high=False)
                     self.holds[axis] = replace(follower, stuck=hold.stuck, still=hold.still, leader=leader)
 
+    def _follow_lift(self, now: float) -> None:
+        """Hold C_X with C_Z, which is nearly all of its lift: what it learns with a wrong angle of attack is wrong, and
+        may be too little for an alarm.
+        """
+        leader, axis = AXES.index("CZ"), AXES.index("CX")
+        hold, follower = self.holds[leader], self.holds[axis]
+        if hold is None or not hold.high or hold.sure or hold.leader is not None:
+            return
+        if follower is None and (good := self.checkpoints.before(hold.since, axis)) is not None:
+            follower = Hold(hold.since, now, "", good, sensor=False, high=False, leader=leader)
+            self.holds[axis] = follower
+        if follower is not None and follower.leader == leader and not (follower.sensor or follower.stuck):
+            follower.words = f"{OF_LIFT}{hold.what}"
+
     def _let_go(self, axis: int, now: float, good: ParameterCheckpoint | None) -> None:
         hold, self.holds[axis] = self.holds[axis], None
         self.checkpoints.begin_anew(axis, now, good or self.checkpoints.newest())
@@ -280,29 +295,30 @@ class IntegrityMonitor:
         asked = ~self._held() & (is_due | self.known_before.may_differ(kept))
         for axis in np.flatnonzero(asked).tolist():
             changes = self.known_before.changes(kept, range(axis, axis + 1), strict=axis in self._before)
-            if changes:
+            if changes and not self.known_before.accept_alike(changes, kept):
                 good = self.known_before.of(axis)
                 hold = Hold(kept.time, kept.time, cause(changes), good, sensor=False, high=True, contradicts=True)
                 self.holds[axis] = hold
                 self.count += 1
-            else:
+            elif not changes:
                 self.known_before.note(axis, kept)
         self._doubt_together(kept)
 
     def _doubt_together(self, kept: ParameterCheckpoint) -> None:
         """Hold axes whose newest values came with those of one that contradicts what was known, by a record for both.
 
-        When all say for SURE seconds what was known, or an aeroplane that is believed, they are as before.
+        When all say for SURE seconds what was known, or an aeroplane that is believed, they are as before. Those that
+        are held beside another do not hold others in their turn: two would keep each other held.
         """
         held = self._held()
-        doubted = [hold for hold in self.holds if hold is not None and hold.contradicts]
+        doubted = [hold for hold in self.holds if hold is not None and hold.contradicts and not hold.is_beside]
         for axis, good in [*self._before.items()]:
             released = self.errors.released(axis)
             if held[axis] or (not doubted and kept.time - released > SURE):
                 del self._before[axis]
             elif doubted and released > doubted[0].since - SURE:
                 hold = Hold(kept.time, kept.time, doubted[0].words, good, sensor=True, high=True, contradicts=True)
-                self.holds[axis] = hold
+                self.holds[axis] = replace(hold, is_beside=True)
                 self.count += 1
                 del self._before[axis]
 

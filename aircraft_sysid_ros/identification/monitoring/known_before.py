@@ -73,6 +73,7 @@ class KnownBefore:
         self._whole = np.full((2, len(names)), np.nan)  # the same before the aeroplane changed
         self._kept: list[ParameterCheckpoint | None] = [None] * len(AXES)
         self.changed: dict[int, tuple[str, float]] = {}  # of parameters: words, and what they were
+        self._lost: dict[str, tuple[float, str]] = {}  # of surfaces: what is left of their effect, and the words
 
     @property
     def is_known(self) -> npt.NDArray[np.bool_]:
@@ -90,7 +91,7 @@ class KnownBefore:
     def note(self, axis: int, kept: ParameterCheckpoint) -> None:
         """What is known of an axis that does not contradict what was."""
         part = self._model.axis_slice(AXES[axis])
-        now, best = kept.said[:, part], self._best[:, part]
+        now, best = kept.within_flight[:, part], self._best[:, part]
         sure = (now[1] < SURELY * np.abs(now[0])) & self._moving[part]
         sure &= np.array([p.status == Trust.USE for p in kept.found.parameters[part]], np.bool_)
         better = sure & ~(now[1] >= BETTER * best[1])  # or nothing was known
@@ -112,7 +113,7 @@ class KnownBefore:
             part = self._model.axis_slice(AXES[axis])
             if np.isnan(self._best[0, part]).all():
                 continue
-            now, best = kept.said[:, part], self._best[:, part]
+            now, best = kept.within_flight[:, part], self._best[:, part]
             changed = _contradicts(now, best) & ~_is_near(now, self._whole[:, part])
             changed &= np.abs(now[0] - best[0]) * _effect(kept, axis) > NEGLIGIBLE
             changed &= strict | (now[1] >= BETTER * best[1])
@@ -126,10 +127,24 @@ class KnownBefore:
         names = self._model.parameter_names
         for change in changes:
             j = names.index(change.name)
-            self._whole[:, j], p = self._best[:, j], kept.found.parameters[j]
-            self._best[:, j] = p.value, p.std
+            self._whole[:, j] = self._best[:, j]
+            self._best[:, j] = kept.within_flight[:, j]
             self.changed[j] = (f"changed: {change.before:.3g} before, {words}", change.before)
             self._kept[change.axis] = kept
+            if change.label in SURFACE_WORDS:
+                self._lost[change.label] = change.ratio, words
+
+    def accept_alike(self, changes: list[Change], kept: ParameterCheckpoint) -> bool:
+        """Whether all that changed is what a surface does that is known to have lost effect, and lost as much of it.
+
+        The aeroplane is that one in this axis, too.
+        """
+        for change in changes:
+            left, words = self._lost.get(change.label, (np.nan, ""))
+            if not abs(change.ratio / left - 1.0) < ALIKE:
+                return False
+        self.accept(changes, kept, words)
+        return True
 
     def regain(self, kept: ParameterCheckpoint) -> bool:
         """Whether what changed is again what it was; that is then known best."""
@@ -138,6 +153,7 @@ class KnownBefore:
         self._best[:, back], self._whole[:, back] = self._whole[:, back], np.nan
         for j in np.flatnonzero(back).tolist():
             del self.changed[j]
+            self._lost.pop(self._model.parameter_names[j].partition("_")[2], None)
             self._kept[int(np.searchsorted(self._model.offsets, j, side="right")) - 1] = kept
         return bool(back.any())
 
