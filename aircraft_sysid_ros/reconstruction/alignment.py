@@ -210,7 +210,8 @@ class Alignment:
             return np.asarray(position[GPS_NED])
         air = self._recent(Kind.AIR, now, LARGEST_GPS_AGE)
         is_known = air is not None and air[1] > 0.0
-        altitude = float(altitude_at(air[1])) if air is not None and is_known else self._ground
+        unknown = self._ground if self.origin is None else float(self.origin[2])
+        altitude = float(altitude_at(air[1])) if air is not None and is_known else unknown
         if self.origin is None:
             self.origin = np.array([np.nan, np.nan, altitude])
         return np.array([0.0, 0.0, self.origin[2] - altitude])

@@ -2,7 +2,8 @@
 
 Recordings and live nodes do not say what will come. While GPS position or velocity have not come, the samples are kept;
 once the aircraft has flown for PATIENCE without them, or the recording ends, they count as not there, and the filter
-begins with the first sample that was kept. It depends on stamps alone, so that live and replay decide alike.
+begins with the first sample that was kept. It depends on stamps alone, so that live and replay decide alike. After the
+filter was lost the same holds of the GPS that was there: it may have been lost, too.
 """
 
 from __future__ import annotations
@@ -54,8 +55,8 @@ class GpsWait:
         self.forget()
 
     def keep(self, sample: Sample, seen: frozenset[int]) -> None:
-        """Keep a sample, if it may be needed."""
-        if self.decided is not None or seen == GPS:
+        """Keep a sample, if it may be needed: not all of the GPS that is waited for has been ``seen``."""
+        if seen >= (GPS if self.decided is None else self.decided):
             self._kept.clear()
             return
         self._kept.append(sample)
@@ -65,7 +66,7 @@ class GpsWait:
 
     def is_over(self, time: float, flies: bool) -> bool:
         """Whether the wait ends at an IMU sample at ``time`` [s]."""
-        if self.decided is not None or not self._kept:
+        if not self._kept:
             return False
         self._flying_since = min(self._flying_since, time) if flies else np.inf
         return time - self._flying_since >= PATIENCE

@@ -110,8 +110,8 @@ def _assume(x: Array, p: Array, time: float, setup: Setup, memory: Memory) -> No
 
 
 @njit(cache=True)
-def _has_diverged(last_fused: Array, last_rejected: Array, setup: Setup) -> bool:
-    """All of the GPS rejected for ``divergence_time`` without a break: the state is wrong, not it.
+def _has_diverged(time: float, last_fused: Array, last_rejected: Array, setup: Setup) -> bool:
+    """All of the GPS that still comes rejected for ``divergence_time`` without a break: the state is wrong, not it.
 
     In a flight without GPS the same of the airspeed.
     """
@@ -123,6 +123,13 @@ def _has_diverged(last_fused: Array, last_rejected: Array, setup: Setup) -> bool
         velocity = position
     elif np.isnan(setup.origin[0]):
         position = velocity
+    else:
+        has_position = time - max(last_fused[_GPS_POSITION], last_rejected[_GPS_POSITION]) < setup.divergence_time
+        has_velocity = time - max(last_fused[_GPS_VELOCITY], last_rejected[_GPS_VELOCITY]) < setup.divergence_time
+        if has_velocity and not has_position:
+            position = velocity
+        elif has_position and not has_velocity:
+            velocity = position
     return bool(min(position, velocity) > setup.divergence_time)
 
 
@@ -240,5 +247,5 @@ def run(
             count += 1
             if steps > 0:
                 tape[steps - 1, HAS_ROW] = 1.0
-        if not finite or _has_diverged(memory.last_fused, memory.last_rejected, setup):
+        if not finite or _has_diverged(end, memory.last_fused, memory.last_rejected, setup):
             return i, count, steps, DIVERGED

@@ -11,6 +11,7 @@ from aircraft_sysid_ros.aircraft.atmosphere import STANDARD_GRAVITY
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
 from aircraft_sysid_ros.reconstruction.alignment import GPS, Alignment
 from aircraft_sysid_ros.reconstruction.gps_wait import Batch, GpsWait
+from aircraft_sysid_ros.samples import Kind
 
 Array = npt.NDArray[np.float64]
 
@@ -21,15 +22,18 @@ class StartUp:
     def __init__(self, aircraft: Aircraft) -> None:
         self.alignment = _alignment_of(aircraft)
         self._wait = GpsWait()
+        self._had: frozenset[int] | None = None  # kinds of GPS samples of the starts of this manoeuvre
 
     def begin_anew(self, aircraft: Aircraft) -> None:
         """Another manoeuvre begins, of which nothing is known."""
         self.alignment = _alignment_of(aircraft)
         self._wait.reconsider()
+        self._had = None
 
     def forget(self) -> None:
-        """The filter was lost: what has been seen is of no use."""
+        """The filter was lost: what has been seen is of no use, and which GPS there is will be seen."""
         self.alignment.forget()
+        self.alignment.seen = frozenset()
         self._wait.forget()
 
     def reconsider(self) -> None:
@@ -38,14 +42,20 @@ class StartUp:
 
     @property
     def gps(self) -> frozenset[int]:
-        """Kinds of GPS samples that the manoeuvre is taken to have; all while it is not decided."""
+        """Kinds of GPS samples that there are; all while it is not decided."""
         return GPS if self._wait.decided is None else self._wait.decided
 
     @property
+    def gps_had(self) -> frozenset[int]:
+        """Kinds of GPS samples that the manoeuvre has had, whenever the filter started; all where it did not."""
+        return GPS if self._had is None else self._had
+
+    @property
     def origin(self) -> Array:
-        """Latitude and longitude [rad] and height [m] of the first start (3,); after it."""
+        """Latitude and longitude [rad] and height [m] of the first start (3,); after it. NaN: the place is not known."""
         assert self.alignment.origin is not None
-        return self.alignment.origin
+        height = self.alignment.origin[2]
+        return self.alignment.origin if Kind.GPS_POSITION in self.gps else np.array([np.nan, np.nan, height])
 
     def feed(
         self, batch: Batch, at: int, shown: Callable[[float, int, Array], Array], wind: tuple[Array, Array]
@@ -79,6 +89,7 @@ class StartUp:
         if self._wait.decided is None:
             self._wait.decided = GPS
             self._wait.forget()
+        self._had = self.gps | (self._had or frozenset())
 
     def before_new_gps(self, kinds: npt.NDArray[np.int64]) -> int:
         """How many samples there are before the first of a kind of GPS that was taken as not there."""

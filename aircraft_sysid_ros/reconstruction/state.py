@@ -119,7 +119,7 @@ _NO_VANE = (
     "; no vanes: both angles inferred",
 )
 for _first, _words in (
-    (Status.WITHOUT_GPS, "no GPS in this flight: motion is relative to the air, wind is not estimated"),
+    (Status.WITHOUT_GPS, "no GPS: motion is relative to the air, wind is not estimated"),
     (Status.CALM_AIR, "no airspeed: the air is taken as calm"),
 ):
     STATUS_TEXT.update({_first + _number: _words + _more for _number, _more in enumerate(_NO_VANE)})

@@ -89,7 +89,7 @@ _AIRBORNE = (Status.NO_GPS, *INFERRED)
 class Sensors(NamedTuple):
     """What a manoeuvre has had of its sensors."""
 
-    gps: frozenset[int]  # kinds of GPS samples that it was taken to have; all where it did not start
+    gps: frozenset[int]  # kinds of GPS samples that it was taken to have at a start; all where it did not start
     usable: frozenset[int]  # kinds of which a sample was usable
 
 
@@ -327,7 +327,7 @@ class StateEstimator:
     def sensors(self) -> list[Sensors]:
         """Of each manoeuvre, the newest last."""
         usable = np.flatnonzero(self._usable() > self._usable_before)
-        return [*self._flown, Sensors(self._start_up.gps, frozenset(usable.tolist()))]
+        return [*self._flown, Sensors(self._start_up.gps_had, frozenset(usable.tolist()))]
 
     def _usable(self) -> npt.NDArray[np.int64]:
         """Samples (kinds,) that have come and were not invalid."""

@@ -242,6 +242,41 @@ def test_nothing_depends_on_how_samples_come_and_nothing_is_lost_while_gps_is_wa
             assert np.array_equal(rows, expected, equal_nan=True)
 
 
+@pytest.mark.parametrize(("lost", "status"), [(GPS[:1], Status.OK), (GPS[1:], Status.OK), (GPS, Status.WITHOUT_GPS)])
+def test_after_a_gap_the_filter_starts_with_the_gps_that_is_left(flight, aircraft, lost, status):
+    """All of it had to be there again: where one of two topics had died, a flight had no state any more."""
+    time = since(flight, flight.samples)
+    cut, back = (time > 18.0) & np.isin(flight.samples.kind, lost), 40.0
+    samples = flight.samples[(time < 50.0) & ~(cut & (time < back)) & ~((time > 25.0) & (time < 26.0))]
+    estimator, rows = run(aircraft, samples)
+    truth, when = truth_of(flight, estimator, rows)
+    between, after = (when > 26.5) & (when < back - 0.5), when > back + 3.0
+    assert between.sum() > 0.95 * 100 * (back - 27.0) and after.sum() > 0.95 * 100 * 7.0
+    assert set(rows[between, StateField.STATUS]) == {status} and set(rows[after, StateField.STATUS]) == {Status.OK}
+    assert np.isnan(rows[between, StateField.ORIGIN.start]).all() == (Kind.GPS_POSITION in lost)
+    assert np.abs(rows[between, StateField.AIRSPEED] - truth.airspeed[between]).max() < 1.0
+    assert len(np.unique(rows[after, StateField.ORIGIN], axis=0)) == 1
+    assert np.array_equal(rows[-1, StateField.ORIGIN], rows[0, StateField.ORIGIN])
+    assert np.abs(rows[after, StateField.POSITION] - truth.position[after]).max() < 10.0
+    assert not any("no GPS" in note for note in absences(estimator))
+    _, again = run(aircraft, samples, 137)
+    assert np.array_equal(rows, again, equal_nan=True)
+
+
+@pytest.mark.parametrize("lost", GPS)
+def test_one_kind_of_gps_that_is_rejected_for_long_is_enough_where_the_other_is_silent(flight, aircraft, lost):
+    """The state was off by 30 m/s for the rest of a flight, since the other one did not contradict it."""
+    time = since(flight, flight.samples)
+    values = flight.samples.values.copy()
+    values[(flight.samples.kind == Kind.IMU) & (time > 25.0) & (time < 25.5), 0] += 60.0  # it has struck something
+    shaken = replace(flight.samples, values=values)[(time < 45.0) & ~((time > 18.0) & (flight.samples.kind == lost))]
+    estimator, rows = run(aircraft, shaken)
+    truth, when = truth_of(flight, estimator, rows)
+    off = np.linalg.norm(rows[:, StateField.VELOCITY] - truth.velocity, axis=1)
+    assert estimator.realignments == 1 and off[(when > 26.0) & (when < 29.0)].min() > 10.0
+    assert off[when > 40.0].max() < 2.0
+
+
 def test_gps_that_comes_a_little_late_is_waited_for(flight, aircraft):
     time = since(flight, flight.samples)
     samples = flight.samples[(time < 12.0) & ~(np.isin(flight.samples.kind, GPS) & (time < PATIENCE - 1.0))]
