@@ -83,6 +83,7 @@ class StateEstimatorNode(EstimatorNode):
         super().__init__("state_estimator", INPUTS, OPTIONS, **arguments)
         self.rows_published = 0
         self._has_told = False  # of this flight, that the first state is there
+        self._had_place = False  # in this flight: positions are those in a map
         self.on_rows: Callable[[Any], None] | None = None  # `live --out` keeps the rows for the run folder
         self.on_samples: Callable[[Any], None] | None = None  # and the samples
         self.on_states: Callable[[Any, Any], None] | None = None  # rows and stamps [ns], after they were published
@@ -97,7 +98,7 @@ class StateEstimatorNode(EstimatorNode):
         moved = (CONTROLS_TOPIC, INPUTS_TOPIC) if aircraft.inputs else (CONTROLS_TOPIC,)
         self.received = dict.fromkeys(INPUTS + probe + moved, 0)
         self._waiting.clear()
-        self._rates, self._has_told = SampleRates(), False
+        self._rates, self._has_told, self._had_place = SampleRates(), False, False
         warm_up(aircraft)
         in_flight.warm_up()
         return self._started(aircraft, options_from(StateOptions, values))
@@ -239,6 +240,10 @@ class StateEstimatorNode(EstimatorNode):
             wind.twist.covariance = fields["twist.covariance"][0]
             self._wind_publisher.publish(common.stamp_of(wind, stamp, self.frame(MAP)))
         if not np.isfinite(rows[0, StateField.POSITION.start : StateField.VELOCITY.stop]).all():
+            return
+        has_place = bool(np.isfinite(rows[0, StateField.ORIGIN]).all())
+        self._had_place |= has_place
+        if self._had_place and not has_place:  # counted from anew, and no place in a map that began elsewhere
             return
         content, odometry = odometry_content(rows[0]), Odometry(child_frame_id=self.frame(BASE))
         _set(odometry.pose.pose.position, content["position"])

@@ -53,6 +53,21 @@ def flown(bench, raw):
     return state, parameters, heard, np.array(rows), sets
 
 
+def test_a_place_that_is_no_longer_known_is_none_in_the_map(bench):
+    """After GPS was lost and the filter started again, positions count from there: no odometry says that it is home."""
+    node, states = bench.node(StateEstimatorNode), bench.listen(AircraftState, "state_estimator/state")
+    odometry = bench.listen(Odometry, "state_estimator/odometry")
+    assert start(node)
+    node.estimator.epoch = 0
+    rows = np.zeros((4, StateField.WIDTH))
+    rows[:, StateField.TIME], rows[:, StateField.ATTITUDE.start] = np.arange(4.0), 1.0
+    rows[2, StateField.ORIGIN.start] = rows[2, StateField.ORIGIN.start + 1] = np.nan
+    for row in rows:
+        node._publish(row[None])
+    bench.spin_until(lambda: len(states) == len(rows) and len(odometry) >= 3)
+    assert [message.header.stamp.sec for message in odometry] == [0, 1, 3]
+
+
 def check_topics(bench):
     """The page's tables of topics and services are those of the nodes, with their durability, and no others."""
     for node in ("state_estimator", "parameter_estimator"):
