@@ -71,11 +71,15 @@ class Explanation:
     repair: Callable[[Flight], Flight]
 
 
+#: What an IMU reverses that is turned by half a turn about x, y or z.
+_HALF_TURNS = tuple(tuple(v[i] for v in (FORCE, GYRO) for i in range(3) if i != about) for about in range(3))
+
+
 def signs(relations: Sequence[Relation]) -> list[Explanation]:
-    """Signals that are reversed."""
+    """Signals that are reversed, each or by an IMU that is turned by half a turn."""
     return [
-        Explanation(_sign(fault), partial(_scaled, signal=fault.signal, factor=-1.0))
-        for fault in sign_faults(relations, _PRIOR)
+        Explanation(_half_turn(fault) if fault.also else _sign(fault), partial(_reversed, fault=fault))
+        for fault in sign_faults(relations, _PRIOR, _HALF_TURNS)
     ]
 
 
@@ -113,6 +117,12 @@ def _is_open(fault: Fault) -> bool:
 
 def _scaled(flight: Flight, signal: str, factor: float) -> Flight:
     return with_factor(flight, signal, factor)
+
+
+def _reversed(flight: Flight, fault: Fault) -> Flight:
+    for signal in (fault.signal, *fault.also):
+        flight = with_factor(flight, signal, -1.0)
+    return flight
 
 
 def delays(relations: Sequence[Relation], flight: Flight) -> list[Explanation]:
@@ -161,6 +171,26 @@ def _sign(fault: Fault) -> Finding:
     else:
         text = f"it goes against {_compared(fault, relation)} ({evidence})"
     return Finding((fault.signal,), "sign", severity, f"{text}: {remedy}")
+
+
+def _half_turn(fault: Fault) -> Finding:
+    """One sentence of gyros and accelerometers."""
+    signals = (fault.signal, *fault.also)
+    about = _HALF_TURNS.index(signals)
+    i, j = (axis for k, axis in enumerate("xyz") if k != about)
+    frame = " (forward-left-up for forward-right-down axes, or the other way round)" if about == 0 else ""
+    shown = []
+    for signal in signals:
+        if relations := [r for r in fault.relations if signal in r.signals]:
+            strongest = _strongest(relations)
+            physics = strongest.evidence.partition(",")[0]
+            other = next((s for s in (strongest.first, strongest.second) if s and s not in signals), physics)
+            shown.append(f"{signal} and {other} {strongest.comparison.correlation:.2f}")
+    text = (
+        f"the IMU is turned by 180 deg about its {'xyz'[about]} axis{frame}: of gyros and accelerometers {i} and {j} "
+        f"go against the other sensors (correlation of {', '.join(shown)}): reverse {i} and {j} of both"
+    )
+    return Finding(signals, "sign", ERROR, text)
 
 
 def _ratio(fault: Fault) -> tuple[Finding, float]:

@@ -29,6 +29,8 @@ LEAST_FOR_LAG = 0.75
 #: Cost of a fault where a contradiction costs 1; signals that come from an estimator of their own are doubted last.
 FAULT = 0.4
 _MOST_SUSPECTS, _MOST_TOGETHER = 12, 3
+#: Signs that are explained by one fault in place of so many, or more.
+_IN_PLACE_OF = 3
 #: Costs that differ by less are the same.
 _SAME_COST = 1e-9
 #: How much a relation that holds counts in the choice of suspects.
@@ -87,24 +89,31 @@ class Fault:
     signal: str
     size: float
     relations: tuple[Relation, ...]
+    also: tuple[str, ...] = ()  # further signals that the same fault reverses
 
 
-def sign_faults(relations: Sequence[Relation], prior: Mapping[str, float]) -> list[Fault]:
-    """The fewest signals whose change of sign makes the relations hold; weights by ``prior``, 1 where it is silent."""
+def sign_faults(
+    relations: Sequence[Relation], prior: Mapping[str, float], together: Sequence[tuple[str, ...]] = ()
+) -> list[Fault]:
+    """The fewest signals whose change of sign makes the relations hold; weights by ``prior``, 1 where it is silent.
+
+    ``together``: signals that one fault reverses, which is taken in place of ``_IN_PLACE_OF`` faults or more.
+    """
     relations = [r for r in relations if r.has_sign and r.comparison.is_sure]
     suspects = sorted({s for r in relations if r.sign < 0.0 for s in r.signals})[:_MOST_SUSPECTS]
     if not suspects:
         return []
-    turned = np.array(list(product((False, True), repeat=len(suspects))))  # every choice of faults
-    cost = FAULT * turned @ np.array([prior.get(s, 1.0) for s in suspects])
+    nodes = [(s,) for s in suspects] + [group for group in together if len({*group} & {*suspects}) > 1]
+    turned = np.array(list(product((False, True), repeat=len(nodes))))  # every choice of faults
+    cost = FAULT * turned @ np.array([prior.get(n[0], 1.0) if len(n) == 1 else _IN_PLACE_OF - 0.5 for n in nodes])
     for r in relations:
-        inside = turned[:, [suspects.index(s) for s in r.signals if s in suspects]]
-        contradicts = (np.sum(inside, axis=1) % 2 == 1) != (r.sign < 0.0)
+        inside = turned @ np.array([len({*node} & {*r.signals}) for node in nodes])
+        contradicts = (inside % 2 == 1) != (r.sign < 0.0)
         cost += abs(r.comparison.correlation) * contradicts
     best = turned[np.argmin(cost)]
     return [
-        Fault(s, -1.0, tuple(r for r in relations if s in r.signals and r.sign < 0.0))
-        for s, is_wrong in zip(suspects, best, strict=True)
+        Fault(node[0], -1.0, tuple(r for r in relations if {*node} & {*r.signals} and r.sign < 0.0), node[1:])
+        for node, is_wrong in zip(nodes, best, strict=True)
         if is_wrong
     ]
 

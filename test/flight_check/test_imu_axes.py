@@ -50,6 +50,19 @@ def test_a_turn_is_one_sentence_and_the_rest_is_judged_without_it(samples, first
     assert found.sentence.endswith(f"of both {remedy}")
 
 
+@pytest.mark.parametrize("about", [0, pytest.param(2, marks=pytest.mark.long)])
+def test_half_a_turn_is_one_sentence(samples, about):
+    """An IMU with forward-right-down axes under a topic of ROS: the sideslip and the rudder were to be reversed."""
+    without_attitude = samples[samples.kind != Kind.ATTITUDE]
+    first, second = (k for k in range(3) if k != about)
+    (found,) = findings(with_imu(without_attitude, {first: (first, -1.0), second: (second, -1.0)}))
+    names = NAMES[Kind.IMU]
+    assert found.signals == tuple(names[k] for k in (first, second, 3 + first, 3 + second))
+    i, j, axis = AXES[first], AXES[second], AXES[about]
+    assert found.severity == ERROR and found.sentence.startswith(f"the IMU is turned by 180 deg about its {axis} axis")
+    assert found.sentence.endswith(f"reverse {i} and {j} of both")
+
+
 @pytest.mark.long
 def test_what_is_exchanged_in_one_sensor_alone_is_no_turn(samples):
     for vectors in (("gyro",), ("force",)):

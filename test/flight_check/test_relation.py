@@ -37,6 +37,17 @@ def test_two_wrong_signals_hide_nothing():
     assert sorted(fault.signal for fault in sign_faults(relations, {})) == ["a", "b"]
 
 
+def test_signals_that_one_fault_reverses_stand_for_three_and_not_for_two():
+    group = ("q", "r", "y", "z")
+    two = [relation("q", "alpha", ratio=-1.0), relation("z", "gravity", ratio=-1.0)]
+    two += [relation("beta", "r"), relation("beta", "y"), relation("r", "y")]
+    assert sorted(fault.signal for fault in sign_faults(two, {}, [group])) == ["q", "z"]
+    three = [*two[:2], relation("beta", "r", ratio=-1.0), relation("beta", "y", ratio=-1.0), two[4]]
+    (fault,) = sign_faults(three, {}, [group])
+    assert (fault.signal, *fault.also) == group
+    assert sorted(fault.signal for fault in sign_faults(three, {})) != [*group]
+
+
 def test_a_unit_is_found_on_the_signal_with_the_size_of_its_factor():
     known = {"scale_tolerance": 0.05}
     relations = [relation("v", "p", ratio=1.944, **known), relation("tas", "v", ratio=1 / 1.944, **known)]
