@@ -16,7 +16,7 @@ from aircraft_sysid_ros.workbench.views.numbers import parameters_csv
 from aircraft_sysid_ros.workbench.views.parameters import IN_FLIGHT, OF_ALL, history_figure, parameter_rows
 
 #: What the figures of the track show.
-TRACK_WORDS = ("track over the ground, coloured by model error", "height over time, coloured by model error")
+TRACK_WORDS = ("track from above, coloured by model error", "height over time, coloured by model error")
 
 
 class ParametersPanel(Panel):

@@ -10,6 +10,7 @@ from aircraft_sysid_ros.workbench.calibration_panel import CalibrationPage
 from aircraft_sysid_ros.workbench.live_page import LivePage
 from aircraft_sysid_ros.workbench.page import Page
 from aircraft_sysid_ros.workbench.shelf_page import ShelfPage
+from aircraft_sysid_ros.workbench.views import figure, states, track
 from aircraft_sysid_ros.workbench.views.coefficients import NO_DATA, AxisRow
 from aircraft_sysid_ros.workbench.views.history import VersionRow
 
@@ -40,3 +41,18 @@ def test_only_plots_that_zoom_are_said_to() -> None:
     helps = {page: page.help(object.__new__(page)) for page in (Page, LivePage, ShelfPage, CalibrationPage)}
     assert [page for page, said in helps.items() if any(what.startswith("Drag") for what in said)] == [Page]
     assert [page for page, said in helps.items() if any(what.startswith("Point") for what in said)] == [Page, LivePage]
+
+
+@pytest.mark.parametrize("is_known", [True, False])
+def test_without_a_wind_no_track_over_the_ground_is_drawn(is_known) -> None:
+    """Positions drift with the air then, and were drawn as a map beside an empty figure of the wind."""
+    flown, wind = np.zeros((5, 3)), np.full((5, 3), 1.0 if is_known else np.nan)
+    state = states.StateHistory(
+        np.arange(5.0), flown, flown, flown, flown, wind, wind, flown, flown, np.ones(5), measured_time={}, measured={}
+    )
+    drawn = dict(states.all_figures(state, figure.LIGHT, {}))
+    (of_wind,) = (made["layout"] for title, made in drawn.items() if title.startswith("Wind"))
+    assert [note["text"] for note in of_wind["annotations"]] == ["not estimated"] * (not is_known)
+    map_of_it = track.track_figure(state, None, figure.LIGHT)["layout"]
+    for name in ("xaxis", "yaxis"):
+        assert ("relative to the air" in map_of_it[name]["title"]["text"]) == (not is_known)

@@ -17,6 +17,8 @@ Array = npt.NDArray[np.float64]
 
 DEGREES = 180.0 / np.pi
 INNOVATIONS = "Innovations: near one where the filter is as sure as it should be"
+#: In the middle of a figure without a curve.
+_NOT_ESTIMATED = {"text": "not estimated", "xref": "paper", "yref": "paper", "x": 0.5, "y": 0.5, "showarrow": False}
 #: What ``state.json`` calls the sensors, in words.
 SENSOR_WORDS = {
     "gps_position": "GPS position",
@@ -48,6 +50,11 @@ class StateHistory:
     measured_time: Mapping[str, Array]  # by "airspeed", "angle_of_attack", "sideslip"
     measured: Mapping[str, Array]
     time_title: str = TIME_TITLE
+
+    @property
+    def knows_wind(self) -> bool:
+        """Whether the wind is estimated, or taken as calm: else positions drift with the air."""
+        return bool(np.isfinite(self.wind).any())
 
 
 @dataclass(frozen=True)
@@ -104,6 +111,7 @@ def bias_figure(
         theme, data, height,
         xaxis=axis(theme, state.time_title, range=_ends(state.time)),
         yaxis=axis(theme, words[0], fixedrange=True, range=limits),
+        annotations=[_NOT_ESTIMATED] if limits is None else [],
         **TIMED, showlegend=True, margin={"l": 66, "r": 12, "t": 32, "b": 42},
     )  # fmt: skip
 

@@ -57,7 +57,10 @@ def flown_error(comparison: Comparison, name: str = WORST) -> FlownError:
 
 
 def track_figure(state: StateHistory, error: FlownError | None, theme: Theme, height: int = 460) -> Figure:
-    """The track over the ground seen from above, start and end marked; None: the track alone."""
+    """The track over the ground seen from above, start and end marked; None: the track alone.
+
+    Without GPS it is the track in the air, and its axes say so.
+    """
     step = max(len(state.time) // 2000, 1)
     whole_north, whole_east = state.position[::step, 0], state.position[::step, 1]
     ends = {
@@ -70,10 +73,11 @@ def track_figure(state: StateHistory, error: FlownError | None, theme: Theme, he
     if error is not None:
         north, east = (np.interp(error.time, state.time, state.position[:, k]) for k in (0, 1))
         data.append(_coloured(east, north, error, theme))
+    within = "" if state.knows_wind else ", relative to the air"
     return figure(
         theme, [*data, ends], height,
-        xaxis=axis(theme, "east [m]"),
-        yaxis=axis(theme, "north [m]", scaleanchor="x", scaleratio=1),
+        xaxis=axis(theme, f"east{within} [m]"),
+        yaxis=axis(theme, f"north{within} [m]", scaleanchor="x", scaleratio=1),
         dragmode="pan", margin={"l": 66, "r": 8, "t": 10, "b": 44},
     )  # fmt: skip
 
