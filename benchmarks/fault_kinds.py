@@ -29,6 +29,7 @@ class FaultKind:
     change: Callable[[Samples, float, float, np.random.Generator], Samples] | None = None
     surface: str = ""  # that of the aeroplane
     left: float = 0.0  # share of its effect that is left
+    position: float = 0.0  # [rad] where it stands, if nothing is left
 
 
 def _of(kind: Kind, change: Change) -> Callable[[Samples, float, float, np.random.Generator], Samples]:
@@ -113,6 +114,30 @@ def _thinned(share: float, *kinds: Kind) -> Callable[..., Samples]:
     return fault
 
 
+def _clock(step: float, rate: float, *kinds: Kind) -> Callable[..., Samples]:
+    """Stamps of some kinds, or of all, that leap by ``step`` [s] and then run away by ``rate`` seconds per second."""
+
+    def fault(samples: Samples, begin: float, end: float, rng: np.random.Generator) -> Samples:
+        first, last = stamps_of([begin, end])
+        rows = (samples.stamp >= first) & (samples.stamp < last)
+        if kinds:
+            rows &= np.isin(samples.kind, kinds)
+        ahead = 1e9 * step + rate * (samples.stamp - first)
+        return Samples(samples.stamp + np.where(rows, ahead, 0.0).astype(np.int64), samples.kind, samples.values)
+
+    return fault
+
+
+def _stands(kind: Kind, column: int, noise: float) -> Callable[..., Samples]:
+    """A column stays as it was, but for noise."""
+
+    def change(values: Array, time: Array, rng: np.random.Generator) -> Array:
+        values[:, column] = values[:1, column] + noise * rng.normal(size=len(values))
+        return values
+
+    return _of(kind, change)
+
+
 def _known(name: str) -> Callable[..., Samples]:
     def fault(samples: Samples, begin: float, end: float, rng: np.random.Generator) -> Samples:
         first, last = stamps_of([begin, end])
@@ -186,7 +211,19 @@ KINDS: Mapping[str, FaultKind] = {
         (*_ALPHA, *_AIRSPEED), _both(_known("alpha_stuck_noisy"), _scaled(V, 0, 0.9))
     ),
     "GPS lost and beta stuck": FaultKind((*_GPS, *_BETA), _both(_known("gps_lost"), _known("beta_stuck_noisy"))),
+    "aileron record stuck, noisy": FaultKind(_AIL, _stands(Kind.CONTROLS, 1, 0.002)),
+    "all clocks leap by 0.5 s": FaultKind(("clock", "gap"), _clock(0.5, 0.0)),
+    "IMU clock leaps by 0.2 s": FaultKind(_IMU, _clock(0.2, 0.0, Kind.IMU)),
+    "IMU clock, 2 ms/s": FaultKind(_IMU, _clock(0.0, 0.002, Kind.IMU)),
+    "GPS clock, 5 ms/s": FaultKind(_GPS, _clock(0.0, 0.005, Kind.GPS_POSITION, Kind.GPS_VELOCITY)),
+    "air data clock, 5 ms/s": FaultKind((*_AIRSPEED, *_ALPHA, *_BETA), _clock(0.0, 0.005, V, A, B)),
+    "controls clock, 5 ms/s": FaultKind(_CONTROLS, _clock(0.0, 0.005, Kind.CONTROLS)),
+    "engine dead": FaultKind(("thrust", "Tc"), surface="Tc"),
+    # what ailerons can hold; an elevator or ailerons that run away do not stay in the air
+    "rudder runs away": FaultKind(_R, surface="dr", position=0.06),
 }
+#: Seeds below draw from so many kinds, of which the flights in benchmarks/results are; the others from all.
+FIRST_KINDS, ALL_KINDS_FROM = 49, 10_200_000
 
 
 def effects_of(kind: FaultKind, truth: Mapping[str, float], begin: float, end: float) -> tuple[Effect, ...]:
@@ -194,7 +231,7 @@ def effects_of(kind: FaultKind, truth: Mapping[str, float], begin: float, end: f
     if not kind.surface:
         return ()
     if kind.left == 0.0:
-        return stuck_surface(truth, kind.surface, 0.0, begin, end)
+        return stuck_surface(truth, kind.surface, kind.position, begin, end)
     during = f"max(sign(time-{begin:g}),0)*max(sign({end:g}-time),0)*{kind.surface}"
     touched = [name for name in truth if name.endswith(f"_{kind.surface}")]
     return tuple(Effect(name[:2], during, (kind.left - 1.0) * truth[name]) for name in touched)

@@ -1,5 +1,6 @@
 """The campaign of benchmarks/faults.py: its faults are what they say, and a small seeded part of it."""
 
+import json
 import sys
 from pathlib import Path
 
@@ -41,6 +42,30 @@ def test_a_fault_changes_the_record_while_it_lasts_and_nothing_else(samples, nam
     np.testing.assert_array_equal(before.values, after.values)
     same = len(found) == len(samples) and np.array_equal(found.stamp, samples.stamp)
     assert not (same and np.array_equal(found.values, samples.values, equal_nan=True))
+
+
+def test_a_surface_that_stands_somewhere_pushes_as_it_would_there_and_follows_no_command(aircraft):
+    truth = aircraft.coefficients
+    pushed = {name: 0.0 for name in truth if name.endswith("_dr")}
+    for effect in fault_kinds.effects_of(fault_kinds.KINDS["rudder runs away"], truth, BEGIN, END):
+        follows = effect.expression.endswith("*dr")
+        expected = -truth[f"{effect.axis}_dr"] if follows else 0.06 * truth[f"{effect.axis}_dr"]
+        assert effect.value == pytest.approx(expected)
+        pushed[f"{effect.axis}_dr"] += not follows
+    assert set(pushed.values()) == {1.0}
+    (lost, stands) = fault_kinds.effects_of(fault_kinds.KINDS["engine dead"], truth, BEGIN, END)
+    assert (lost.axis, lost.value, stands.value) == ("CX", -truth["CX_Tc"], 0.0)
+
+
+def test_flights_of_the_results_are_drawn_as_they_were_and_later_ones_from_all_kinds():
+    first = {*list(fault_kinds.KINDS)[: fault_kinds.FIRST_KINDS]}
+    new = range(fault_kinds.ALL_KINDS_FROM, fault_kinds.ALL_KINDS_FROM + 400)
+    old = range(fault_kinds.ALL_KINDS_FROM - 400, fault_kinds.ALL_KINDS_FROM)
+    assert {faults.drawn(seed)["fault"] for seed in old} <= first
+    assert {faults.drawn(seed)["fault"] for seed in new} - first
+    kept = faults.RESULTS.read_text(encoding="utf8").splitlines()[:50]
+    for record in (json.loads(line) for line in kept):
+        assert not record["faulty"] or faults.drawn(record["seed"])["fault"] == record["fault"]
 
 
 @pytest.mark.long
