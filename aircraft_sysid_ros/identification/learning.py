@@ -355,13 +355,16 @@ class Learning:
             self.estimator.restore(oldest.estimator, *(axis for axis, _ in restores))
             self.known.begin(self.estimator.known())
 
-    def take(self, learnt: Mapping[str, Array], sensors: Mapping[str, Array]) -> None:
-        """Where nothing is learnt: arrays of an ``RlsState`` and of ``UndescribedSensors.sums`` of another time."""
+    def take(self, learnt: Mapping[str, Array], sensors: Mapping[str, Array], lacked: Mapping[str, str]) -> None:
+        """Where nothing is learnt: arrays of an ``RlsState`` and of ``UndescribedSensors.sums`` of another time, and
+        what was said then of axes that the model did not explain.
+        """
         for name, array in learnt.items():
             getattr(self.least_squares.state, name)[:] = array
         self.undescribed.go_on(sensors)
         if not self.lends:
             self.integrity.know(self._checkpoint(np.nan, np.nan))
+        self.integrity.doubts.remember(lacked)
 
     def believed(self) -> RlsState:
         """What least squares know, of an axis that is held what they knew before."""

@@ -16,8 +16,8 @@ from typing import Any
 
 import numpy as np
 
-from aircraft_sysid_ros.aircraft.aerodynamic_model import model_from_terms
-from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, model_from_terms
+from aircraft_sysid_ros.errors import InputError, echo
 from aircraft_sysid_ros.identification.identifier import Identifier
 from aircraft_sysid_ros.option import shown
 from aircraft_sysid_ros.text_file import write_new
@@ -27,6 +27,8 @@ _FORMAT = "aircraft_sysid_ros model 1"
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
 #: [bytes] A hundred terms have less than one.
 _LARGEST = 10_000_000
+#: Of what is said of an axis.
+_LONGEST_WORDS = 200
 _LEARNT = ("theta", "p", "sums", "noise_square", "updates")
 #: What older files do not have.
 _LEARNT_LATER = ("vane_covariance", "sampling", "bias_variance", "prior", "prior_variance")
@@ -52,6 +54,7 @@ def save_model(estimator: Identifier, path: str | Path) -> None:
         "parameters": parameters_json(estimator)["parameters"],
         "learnt": {name: getattr(learnt, name).tolist() for name in (*_LEARNT, *_LEARNT_LATER)},
         "sensors": {name: sums.tolist() for name, sums in estimator.learning.undescribed.sums.items()},
+        "lack_of_fit": estimator.learning.integrity.doubts.lack_of_fit,
     }
     path = Path(path)
     try:
@@ -88,6 +91,11 @@ def load_model(estimator: Identifier, path: str | Path) -> str:
         saved = {name: getattr(nothing, name) for name in _LEARNT_LATER} | content["learnt"]
         learnt = {name: np.array(saved[name], dtype=np.float64) for name in (*_LEARNT, *_LEARNT_LATER)}
         sensors = {name: np.array(sums, dtype=np.float64) for name, sums in content.get("sensors", {}).items()}
+        lacked = {
+            axis: echo(str(words), _LONGEST_WORDS)
+            for axis, words in content.get("lack_of_fit", {}).items()
+            if axis in AXES
+        }
     except (KeyError, TypeError, ValueError, AttributeError):
         raise InputError(f"the model file {path} is damaged: save it again") from None
     if terms != estimator.model.terms:
@@ -96,7 +104,7 @@ def load_model(estimator: Identifier, path: str | Path) -> str:
         )
     _check_shapes(estimator, learnt, sensors, path)
     estimator.reset()
-    estimator.learning.take(learnt, sensors)
+    estimator.learning.take(learnt, sensors, {axis: said[axis] for axis in AXES if axis in said})
     return estimator.model.identifier
 
 

@@ -328,6 +328,29 @@ def test_a_saved_model_keeps_what_its_standard_errors_rest_on(flight, tmp_path) 
         np.testing.assert_allclose(after, before, rtol=1e-9)
 
 
+def test_a_saved_model_keeps_that_it_does_not_explain_an_axis(flight, tmp_path) -> None:
+    """It had USE again until some ten seconds of motion had shown it anew, in cruise for ever."""
+    rows, controls = perfect_inputs(flight)
+    estimator, _ = learn(flight.aircraft, rows[:6000], controls)
+    words = "the model explains 30% of Cm"
+    estimator.learning.integrity.doubts.remember({"Cm": words})
+    assert "Cm_de" in used_of(estimator, status=Trust.HOLD)
+    for name in ("first.json", "second.json"):  # and one that is saved again
+        save_model(estimator, tmp_path / name)
+        estimator = Identifier(flight.aircraft)
+        load_model(estimator, tmp_path / name)
+        found = {p.name: p for p in estimator.snapshot().parameters}
+        assert found["Cm_de"].status is Trust.HOLD and found["Cm_de"].reason == f"when it was saved: {words}"
+        assert found["CZ_alpha"].status is Trust.USE
+    estimator.push_samples(controls, EPOCH)
+    estimator.push_states(rows)
+    assert {"Cm_de", "Cm_q"} <= used_of(estimator)
+
+
+def used_of(estimator: Identifier, status: Trust = Trust.USE) -> set[str]:
+    return {p.name for p in estimator.snapshot().parameters if p.status is status}
+
+
 @pytest.mark.parametrize("damage", ["", "{}", "[1]", '{"format": "aircraft_sysid_ros model 1"}', "truncated"])
 def test_damaged_model_file_changes_nothing(damage: str, flight, tmp_path) -> None:
     rows, controls = perfect_inputs(flight)

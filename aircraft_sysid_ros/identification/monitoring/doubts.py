@@ -14,7 +14,7 @@ either.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -31,6 +31,9 @@ from aircraft_sysid_ros.identification.trust import Trust, is_unphysical, lack_o
 
 #: How the words for C_X begin where it is in doubt for the lift.
 OF_LIFT = "contains the lift that CZ has: "
+#: Blocks of motion (1 s each) after which a flight judges by itself what was in doubt when a model was saved.
+_JUDGED = 40
+_WHEN_SAVED = "when it was saved: "
 #: How those begin for what p and aileron do beside C_l.
 _OF_ROLL = "rests on the roll: "
 _ROLL, _BESIDE_ROLL, _ROLLED = AXES.index("Cl"), ("CY", "Cn"), ("p", "da")
@@ -43,7 +46,18 @@ class Doubts:
         """``forgetting`` per evaluation."""
         self._model, self._monitor = model, monitor
         self.agreement, self._ranges = SplitHalfAgreement(model, forgetting), RangeAgreement(model)
+        self._remembered: dict[int, str] = {}  # axes that a saved model did not explain
         self.restart()
+
+    def remember(self, lacked: Mapping[str, str]) -> None:
+        """What was said of axes, by their names, when the model that flies was saved: so it is until this flight has
+        shown whether it explains them.
+        """
+        self._remembered = {
+            AXES.index(name): _WHEN_SAVED + words.removeprefix(_WHEN_SAVED) for name, words in lacked.items()
+        }
+        self.restart()
+        self._doubt_beside_roll()
 
     def warm_up(self) -> None:
         """Compile, or load from the cache, what is needed late."""
@@ -64,7 +78,7 @@ class Doubts:
     def restart(self) -> None:
         """The clock started over."""
         self._disagreeing: dict[int, str] = {}  # parameters
-        self._misfits: dict[int, str] = {}  # axes
+        self._misfits = dict(self._remembered)  # axes
         self._spared: dict[int, npt.NDArray[np.bool_]] = {}  # parameters (n,) of those of them that are two models
 
     def look(self, kept: ParameterCheckpoint, holds: Sequence[Hold | None], joint: bool) -> None:
@@ -79,10 +93,14 @@ class Doubts:
             words = lack_of_fit(name, unexplained, over_noise, np.nan if joint else worst)
             if not words and ranges[axis] and not ranges[axis].startswith(OF_LIFT):
                 self._spared[axis] = self._ranges.spared(axis, kept.theta[part])
-            if words := words or ranges[axis]:
+            if self._monitor.blocks(axis) >= _JUDGED:
+                self._remembered.pop(axis, None)
+            if words := words or ranges[axis] or self._remembered.get(axis, ""):
                 self._misfits[axis] = words
                 if hold is not None and hold.contradicts:
                     hold.lacks = words
+            else:
+                self._misfits.pop(axis, None)
             if joint or hold is not None or not self.agreement.are_apart(axis):
                 continue
             std = np.sqrt(np.diag(least_squares(self._model, axis, kept.least_squares)[0].covariance))

@@ -311,6 +311,10 @@ class ResidualMonitor:
         count = self._errors.block_count[axis]
         return float(self._errors.blocks[axis, :count].mean()) if count else 0.0
 
+    def blocks(self, axis: int) -> int:
+        """How many blocks of motion of an axis there are, at most MOST_BLOCKS."""
+        return int(self._errors.block_count[axis])
+
     def fits(self) -> Array:
         """Of each axis (6, 3) ``unexplained``, ``over_noise`` and ``worst_over_noise``."""
         out = np.full((6, 3), np.nan)
