@@ -52,11 +52,18 @@ RECORD = np.dtype([("begin", "u1"), ("kind", "u1"), ("stamp", "<i8"), ("values",
 class OnDisk:
     """Records of one kind, appended to a file; where the disk takes no more they go to memory: the flight goes on."""
 
-    def __init__(self, path: Path, kind: np.dtype[Any]) -> None:
+    def __init__(self, path: Path, kind: np.dtype[Any], *, in_flight: bool = False) -> None:
+        """Raises OSError where there can be no file, but ``in_flight``: then all goes to memory."""
         self.path, self.kind = path, kind
         self.count, self.wrong = 0, ""  # records in the file; why it takes no more
         self._in_memory: list[npt.NDArray[Any]] = []
-        self.file: int | None = os.open(path, os.O_CREAT | os.O_APPEND | os.O_RDWR, 0o644)  # None: closed
+        self.file: int | None = None  # closed
+        try:
+            self.file = os.open(path, os.O_CREAT | os.O_APPEND | os.O_RDWR, 0o644)
+        except OSError as error:
+            if not in_flight:
+                raise
+            self.wrong = error.strerror or str(error)
 
     def append(self, records: npt.NDArray[Any]) -> None:
         """New records (n,), in order."""
@@ -122,7 +129,8 @@ class RowsOnDisk:
         """New rows, in order."""
         if not self._parts or self._parts[-1].kind["values"].shape != rows.shape[1:]:
             name = f"{self._path.name}-{len(self._parts)}.bin"
-            self._parts.append(OnDisk(self._path.with_name(name), np.dtype([("values", "<f8", rows.shape[1:])])))
+            kind = np.dtype([("values", "<f8", rows.shape[1:])])
+            self._parts.append(OnDisk(self._path.with_name(name), kind, in_flight=True))
         records = np.empty(len(rows), self._parts[-1].kind)
         records["values"] = rows
         self._parts[-1].append(records)

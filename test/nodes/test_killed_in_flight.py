@@ -15,7 +15,7 @@ from waiting import LONGEST, finish
 from aircraft_sysid_ros import flight_journal
 from aircraft_sysid_ros.commands.main import main
 from aircraft_sysid_ros.errors import InputError
-from aircraft_sysid_ros.flight_journal import RECORD, RECORDS, FlightJournal, OnDisk, recovered
+from aircraft_sysid_ros.flight_journal import RECORD, RECORDS, FlightJournal, OnDisk, RowsOnDisk, recovered
 from aircraft_sysid_ros.identification.coefficients.layout import CoefficientSample
 from aircraft_sysid_ros.identification.identifier import Identifier
 from aircraft_sysid_ros.pipeline import Pipeline
@@ -141,6 +141,22 @@ def test_a_full_disk_does_not_end_the_flight(journal, samples, monkeypatch):
     kept = [*journal]
     np.testing.assert_array_equal(np.concatenate([part.stamp for part in kept]), samples.stamp)
     assert "No space left on device" in journal.note
+
+
+def test_a_disk_that_takes_no_new_file_does_not_end_the_flight(tmp_path, monkeypatch):
+    """A card that has gone read-only, as dying ones do: the first states, or another model, begin a file."""
+    rows = np.arange(6.0).reshape(2, 3)
+
+    def refuse(*arguments):
+        raise OSError(30, "Read-only file system")
+
+    monkeypatch.setattr(flight_journal.os, "open", refuse)
+    states = RowsOnDisk(tmp_path / "states")
+    states.append(rows)
+    states.append(rows[:, :2])
+    assert [part.tolist() for part in states] == [rows.tolist(), rows[:, :2].tolist()]
+    states.close()
+    states.discard()
 
 
 def test_nothing_is_written_after_half_a_record(tmp_path, monkeypatch):
