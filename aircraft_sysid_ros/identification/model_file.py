@@ -91,11 +91,7 @@ def load_model(estimator: Identifier, path: str | Path) -> str:
         saved = {name: getattr(nothing, name) for name in _LEARNT_LATER} | content["learnt"]
         learnt = {name: np.array(saved[name], dtype=np.float64) for name in (*_LEARNT, *_LEARNT_LATER)}
         sensors = {name: np.array(sums, dtype=np.float64) for name, sums in content.get("sensors", {}).items()}
-        lacked = {
-            axis: echo(str(words), _LONGEST_WORDS)
-            for axis, words in content.get("lack_of_fit", {}).items()
-            if axis in AXES
-        }
+        said = {axis: echo(str(words), _LONGEST_WORDS) for axis, words in content.get("lack_of_fit", {}).items()}
     except (KeyError, TypeError, ValueError, AttributeError):
         raise InputError(f"the model file {path} is damaged: save it again") from None
     if terms != estimator.model.terms:
