@@ -159,7 +159,7 @@ class WhyPanel(SidePanel):
             self._verdict.text = "Not looked for yet"
             self._words.show(
                 "Tries every effect of the library, and terms outside of it, against flights in which nothing is "
-                "missing. Half a minute to a minute."
+                "missing. Half a minute to some minutes; it can be stopped."
             )
             return
         self._verdict.text, words = verdict(found, view.current)
