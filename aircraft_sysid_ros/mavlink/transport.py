@@ -115,7 +115,8 @@ class Transport:
         except (BlockingIOError, ConnectionRefusedError):
             pass  # nobody listens yet
         except (OSError, ValueError):
-            self.close()
+            if not self.address.kind.startswith("udp"):  # there a way that is gone for a while breaks nothing
+                self.close()
 
     def hold(self) -> None:
         """Hear and answer nobody but who spoke last."""

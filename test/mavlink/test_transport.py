@@ -1,5 +1,6 @@
 """Real sockets and a pseudo-terminal: bytes arrive, broken connections come back, wrong addresses are said."""
 
+import errno
 import os
 import socket
 import time
@@ -66,6 +67,41 @@ def test_udp_answers_whoever_spoke():
     mouth.write(b"again")
     assert read_until(ears, 5).endswith(b"again")
     for transport in (ears, mouth):
+        transport.close()
+
+
+def test_a_network_that_is_gone_for_a_while_lets_no_stranger_take_the_place_of_the_peer():
+    """What cannot be sent closed the port, and with it who is heard was forgotten: whoever spoke first was it then."""
+    port = free_port()
+    ears, vehicle, stranger = (
+        Transport(parse_address(f"{kind}:127.0.0.1:{port}")) for kind in ("udp", "udpout", "udpout")
+    )
+    for transport in (ears, vehicle, stranger):
+        transport.open()
+    vehicle.write(b"heartbeat")
+    assert read_until(ears, 9) == b"heartbeat"
+    ears.hold()
+
+    class Gone:
+        """The socket, that reaches nobody."""
+
+        def __init__(self, device):
+            self.device = device
+
+        def sendto(self, data, peer):
+            raise OSError(errno.EHOSTUNREACH, "No route to host")
+
+        def __getattr__(self, name):
+            return getattr(self.device, name)
+
+    whole, ears._device = ears._device, Gone(ears._device)
+    ears.write(b"into the void")
+    if ears._device is not None:
+        ears._device = whole
+    stranger.write(b"stranger")
+    vehicle.write(b"vehicle")
+    assert read_until(ears, 7) == b"vehicle" and ears.foreign == 1 and ears.openings == 1
+    for transport in (ears, vehicle, stranger):
         transport.close()
 
 
