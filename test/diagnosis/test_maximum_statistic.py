@@ -61,6 +61,28 @@ def test_what_is_far_beyond_the_replicas_is_significant(draw: Callable) -> None:
     assert sure > 45
 
 
+def test_what_a_replica_shows_as_well_is_no_less_probable_than_that() -> None:
+    """One of ten replicas has more in some effect than the flight in another: that is chance in 2 of 11 flights."""
+    scores = normal(np.random.default_rng(8))
+    scores[3, 0] = 0.25
+    alone = smallest(scores)
+    scores[5, 4] = 0.3
+    assert alone < 0.01 and smallest(scores) == pytest.approx(2.0 / (REPLICAS + 1))
+
+
+def related(random):
+    """Squares of what has a few causes in common."""
+    causes = random.normal(size=(FAMILIES, 8))
+    scores = causes @ random.normal(size=(8, 2 * REPLICAS + 1))
+    return 0.005 * (scores / np.linalg.norm(causes, axis=1)[:, None]) ** 2
+
+
+def test_of_related_scores_5_percent_are_below_5_percent() -> None:
+    random = np.random.default_rng(9)
+    found = np.array([smallest(related(random)) for _ in range(150)])
+    assert np.mean(found < 0.05) < 0.08  # 0.12 without the count
+
+
 def test_few_replicas_never_make_as_sure_as_many() -> None:
     scores = normal(np.random.default_rng(7))
     scores[3, 0] = 0.3

@@ -12,8 +12,12 @@ which are skewed, and related to each other. Two steps allow for that.
    first step was too sure. An exponential variable whose rate is known from B others and, before, like from K with
    the mean 1 exceeds x with the probability p = (1 + x / (S + K))^-(B + K), S their sum, B at least (Lomax 1954).
 
+3. Where replicas show as much, p is at least the share of them that do, the flight itself among them: that is so
+   whatever law the x_b follow, which is none of exponential ones where scores are skewed and families related.
+
 So few replicas say little of what is far beyond them: with five nothing is as improbable as it would be with twenty.
-On simulated scores, skewed, heavy-tailed or related, p is below 5 and 1 % in up to twice as many cases.
+On simulated scores, skewed, heavy-tailed or related, p of twenty replicas is below 5 % in no more than 5 % of cases,
+and below 1 % in up to 4 %.
 """
 
 from __future__ import annotations
@@ -74,7 +78,9 @@ class Null:
     def _for_the_search(self, surprise: float) -> float:
         count = self._table.shape[1]
         total = max(float(np.sum(self.surprises)), float(count)) if count > 1 else float(count)
-        return float((1.0 + surprise / (total + _BEFORE)) ** -(count + _BEFORE))
+        by_law = float((1.0 + surprise / (total + _BEFORE)) ** -(count + _BEFORE))
+        as_much = int(np.sum(self.surprises >= surprise)) if count > 1 else 0
+        return max(by_law, (1 + as_much) / (1 + count)) if as_much else by_law
 
 
 def _compared(own: Array, spread: float, score: Array) -> tuple[Array, Array, Array]:
