@@ -187,7 +187,7 @@ def errors_beside(one: VersionRow, other: VersionRow) -> Markup:
 def errors_of_flights(both: SideBySide) -> Markup:
     """Errors of the models of two flights on either flight."""
     rows = [(axis, AXIS_WORDS[axis], [_finite(share) for share in both.errors[axis].ravel()]) for axis in both.errors]
-    return _part("errors_of_flights", both.runs, both.titles, rows)
+    return _part("errors_of_flights", both, rows)
 
 
 def differences(both: SideBySide) -> Markup:

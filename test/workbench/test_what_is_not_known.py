@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from aircraft_sysid_ros.diagnosis.two_runs import SideBySide
 from aircraft_sysid_ros.workbench import markup
 from aircraft_sysid_ros.workbench.calibration_panel import CalibrationPage
 from aircraft_sysid_ros.workbench.live_page import LivePage
@@ -56,3 +57,13 @@ def test_without_a_wind_no_track_over_the_ground_is_drawn(is_known) -> None:
     map_of_it = track.track_figure(state, None, figure.LIGHT)["layout"]
     for name in ("xaxis", "yaxis"):
         assert ("relative to the air" in map_of_it[name]["title"]["text"]) == (not is_known)
+
+
+@pytest.mark.parametrize("is_one_flight", [True, False])
+def test_errors_on_a_flight_that_was_fitted_are_not_called_others(is_one_flight) -> None:
+    """Of two runs of one flight each model has seen the other's: the command said so, the page the opposite."""
+    runs, errors = ("a", "b"), {"CZ": np.full((2, 2), 0.1)}
+    both = SideBySide(runs, ("m", "n"), is_one_flight, (), ({}, {}), errors, ())
+    table = markup.errors_of_flights(both)
+    assert ("that was not fitted" in table) == (not is_one_flight)
+    assert ("as it was fitted to this flight" in table) == is_one_flight
