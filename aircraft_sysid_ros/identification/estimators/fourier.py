@@ -63,7 +63,7 @@ from aircraft_sysid_ros.identification.estimators.fourier_transforms import (
     transform_rows,
     weigh,
 )
-from aircraft_sysid_ros.identification.estimators.reset_prior import MEMORY, within_prior
+from aircraft_sysid_ros.identification.estimators.reset_prior import FORGOTTEN, MEMORY, within_prior
 from aircraft_sysid_ros.identification.estimators.vane_noise import compensation
 from aircraft_sysid_ros.identification.options import ParameterOptions
 from aircraft_sysid_ros.samples import Samples
@@ -238,6 +238,8 @@ class FourierEstimator:
         if prior is None:
             return None
         fade = float(np.exp(-2.0 * self._bank.length[axis] / self._setting.memory))
+        if fade < FORGOTTEN:
+            return None
         return prior._replace(information=fade * prior.information)
 
     def _fit(self, axis: int, window: Window) -> tuple[ComplexArray, SpectralFit]:

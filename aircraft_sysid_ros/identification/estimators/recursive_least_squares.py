@@ -40,7 +40,7 @@ from aircraft_sysid_ros.identification.estimators.contract import (
     KnownParameters,
     nothing_known,
 )
-from aircraft_sysid_ros.identification.estimators.reset_prior import within_prior
+from aircraft_sysid_ros.identification.estimators.reset_prior import FORGOTTEN, within_prior
 from aircraft_sysid_ros.identification.estimators.vane_noise import correction, follow_vane_noise, freed, widened
 from aircraft_sysid_ros.identification.options import ParameterOptions
 from aircraft_sysid_ros.kernels import njit
@@ -59,6 +59,8 @@ _LARGEST_VARIANCE = PRIOR_VARIANCE**2
 _MOTION_TIME = 2.0
 #: After a change the variance of the noise from before it counts as so many evaluations.
 _PRIOR_WORTH = 50.0
+#: What is added to a matrix of correlations that may be singular, as where a surface stands and its prior is forgotten.
+_NEARLY = 1e-12
 
 _TIME = CoefficientSample.TIME
 _NOTHING = nothing_known(0)
@@ -408,7 +410,7 @@ def least_squares(model: AerodynamicModel, axis: int, state: RlsState) -> tuple[
     sums, last_learnt = state.sums[axis, :, : n + 2, : n + 2], state.last_learnt[part]
     if not _is_known(axis, n, state):
         return AxisEstimate(theta, np.full((n, n), np.nan), samples, last_learnt), sums
-    if state.prior[axis].any():
+    if _has_prior(axis, state):
         return AxisEstimate(*_with_prior(axis, theta, state, model.constants[axis]), samples, last_learnt), sums
     return AxisEstimate(*_without_prior(axis, theta, state, model.constants[axis]), samples, last_learnt), sums
 
@@ -465,7 +467,12 @@ def known_theta(model: AerodynamicModel, axis: int, state: RlsState) -> Array:
 
 
 def _is_known(axis: int, n: int, state: RlsState) -> bool:
-    return bool(state.updates[axis] > n or state.prior[axis].any())
+    return bool(state.updates[axis] > n or _has_prior(axis, state))
+
+
+def _has_prior(axis: int, state: RlsState) -> bool:
+    """Whether an axis has changed, and what was known before it is not forgotten altogether."""
+    return bool(np.max(state.prior[axis]) > FORGOTTEN)
 
 
 @njit(cache=True)
@@ -496,7 +503,7 @@ def variance_with_prior(sums: Array, theta: Array, prior: Array, variance: float
     middle = np.einsum("l,lij->ij", taper * autocovariance, sums[:, :n, :n])
     both = sums[0, :n, :n] + prior
     scale = 1.0 / np.sqrt(np.diag(both))
-    half = np.linalg.solve(np.linalg.cholesky(scale[:, None] * both * scale), np.diag(scale))
+    half = np.linalg.solve(np.linalg.cholesky(scale[:, None] * both * scale + _NEARLY * np.eye(n)), np.diag(scale))
     white = half.T @ half
     coloured = white @ (middle + middle.T + variance * prior) @ white
     return variance, np.sqrt(np.maximum(np.diag(coloured) / (variance * np.diag(white)), 1.0))

@@ -19,6 +19,8 @@ Array = npt.NDArray[np.float64]
 SHARE, SPREAD = 0.75, 0.2
 #: Time [s] for which samples and parameters are remembered: from before the change to its alarm.
 MEMORY = 5.0
+#: Information of a prior, or share of it, that is none any more.
+FORGOTTEN = 1e-100
 
 
 def changed_variance(theta: Array, spread: Array) -> Array:

@@ -92,6 +92,11 @@ def rolled_back(
     return [held(replace(p, age=p.age + elapsed), words) for p in good.found.parameters[part]]
 
 
+def _since(time: float, start: float) -> str:
+    """A time [s] of a flight since ``start`` [s]; NaN: by a clock that has started over since."""
+    return f"{max(time - start, 0.0):.1f} s" if np.isfinite(time) else "before this manoeuvre or clock"
+
+
 def with_holds(
     found: ParameterSet, holds: list[Hold | None], model: AerodynamicModel, changed: Array, start: float
 ) -> ParameterSet:
@@ -101,7 +106,7 @@ def with_holds(
         if hold is None:
             continue
         part = model.axis_slice(AXES[axis])
-        words = f"{hold.what} since {max(hold.said_since - start, 0.0):.1f} s"
+        words = f"{hold.what} since {_since(hold.said_since, start)}"
         if changed[axis] > hold.since - 1.0 and not (hold.sensor or hold.stuck):
             parameters[part] = [held(p, words) for p in parameters[part]]
             continue
