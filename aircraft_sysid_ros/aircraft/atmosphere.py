@@ -30,15 +30,19 @@ def temperature(altitude: float) -> float:
     return SEA_LEVEL_TEMPERATURE - LAPSE_RATE * min(altitude, TROPOPAUSE)
 
 
+@register_jitable
+def pressure_at(altitude: Any) -> Any:
+    """Standard static pressure [Pa] at altitude [m], scalar or array."""
+    below, above = np.minimum(altitude, TROPOPAUSE), np.maximum(altitude, TROPOPAUSE) - TROPOPAUSE
+    exponent = STANDARD_GRAVITY / (GAS_CONSTANT * LAPSE_RATE)
+    p = SEA_LEVEL_PRESSURE * (1.0 - LAPSE_RATE * below / SEA_LEVEL_TEMPERATURE) ** exponent
+    return p * np.exp(-STANDARD_GRAVITY * above / (GAS_CONSTANT * _COLDEST))
+
+
 @njit(cache=True)
 def pressure(altitude: float) -> float:
     """Standard static pressure [Pa] at altitude [m]."""
-    below = min(altitude, TROPOPAUSE)
-    exponent = STANDARD_GRAVITY / (GAS_CONSTANT * LAPSE_RATE)
-    p = SEA_LEVEL_PRESSURE * (1.0 - LAPSE_RATE * below / SEA_LEVEL_TEMPERATURE) ** exponent
-    if altitude > TROPOPAUSE:
-        p *= np.exp(-STANDARD_GRAVITY * (altitude - TROPOPAUSE) / (GAS_CONSTANT * temperature(altitude)))
-    return p
+    return pressure_at(altitude)
 
 
 @njit(cache=True)

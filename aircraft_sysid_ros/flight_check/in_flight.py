@@ -16,6 +16,7 @@ import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.atmosphere import air_density
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
+from aircraft_sysid_ros.aircraft.earth import ned_along
 from aircraft_sysid_ros.aircraft.named_inputs import NamedInput
 from aircraft_sysid_ros.aircraft.unsaid_places import roll_that_shows
 from aircraft_sysid_ros.flight_check.check import contradictions
@@ -90,6 +91,7 @@ def warm_up() -> None:
     import scipy.optimize  # noqa: F401
 
     warm_up_triangle()
+    ned_along(np.zeros((1, 3)), np.zeros(3))
     _mark_density(np.zeros((1, StateField.WIDTH)), np.zeros(1, np.bool_), np.nan)
 
 

@@ -16,7 +16,7 @@ from aircraft_sysid_ros.aircraft.atmosphere import (
     HEAT_RATIO,
     SEA_LEVEL_PRESSURE,
     SEA_LEVEL_TEMPERATURE,
-    pressures,
+    pressure_at,
 )
 
 Array = npt.NDArray[np.float64]
@@ -34,7 +34,7 @@ _PASSES = 40
 
 def standard_pressure(altitude: Array) -> Array:
     """Pressure [Pa] (n,) of the standard atmosphere at altitudes [m] (n,)."""
-    return np.asarray(pressures(np.ascontiguousarray(altitude, dtype=np.float64)))
+    return np.asarray(pressure_at(altitude))
 
 
 def true_airspeed(speed: Array, meaning: str, pressure: Array, temperature: Array) -> Array:
