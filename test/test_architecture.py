@@ -2,6 +2,7 @@
 
 import ast
 import json
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -101,3 +102,13 @@ def without_docstring(path: Path) -> list[str]:
 @pytest.mark.parametrize("path", FILES, ids=NAMES)
 def test_everything_public_in_the_core_has_a_docstring(path):
     assert without_docstring(path) == []
+
+
+def test_the_files_that_the_way_of_a_sample_names_exist():
+    """docs/architecture.md, which newcomers follow."""
+    text = (ROOT.parent / "docs" / "architecture.md").read_text(encoding="utf8")
+    named = set(re.findall(r"`([\w/]+(?:\.py|/))`", text))
+    there = [path for top in (ROOT, ROOT.parent / "examples") for path in (top, *top.rglob("*"))]
+    places = [f"/{path.relative_to(ROOT.parent)}{'/' if path.is_dir() else ''}" for path in there]
+    assert len(named) > 50
+    assert sorted(name for name in named if not any(place.endswith(f"/{name}") for place in places)) == []
