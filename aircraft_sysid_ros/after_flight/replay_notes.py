@@ -28,7 +28,6 @@ from aircraft_sysid_ros.identification.trust import Trust
 from aircraft_sysid_ros.pipeline import Pipeline
 from aircraft_sysid_ros.reconstruction.absences import absences, of_manoeuvres
 from aircraft_sysid_ros.reconstruction.air_data_errors import UNKNOWN_STD_OF
-from aircraft_sysid_ros.reconstruction.alignment import LARGEST_GAP
 from aircraft_sysid_ros.reconstruction.found_noise import found_noise, noise_notes
 from aircraft_sysid_ros.reconstruction.ordering import LARGEST_LEAP
 from aircraft_sysid_ros.reconstruction.state import SUSPECTED, contradiction_text
@@ -462,10 +461,8 @@ def why_no_start(state: StateEstimator) -> str:
     if any(told):
         reasons = "; ".join(reason for reason in told if reason)
         return f"{reasons}: {_WHAT_TO_RECORD}" if all(useless.values()) else reasons
-    intervals, seconds = counts["imu"]["received"] - 1, state.flight_time
-    if seconds > LARGEST_GAP * intervals:
-        rate = f"the IMU comes at {intervals / seconds:.2g} Hz"
-        return f"{rate}: it needs samples that are at most {LARGEST_GAP:g} s apart"
+    if slow := state.imu_in_words:
+        return slow
     speed = state.aircraft.minimum_airspeed
     return (
         "it needs a second of IMU and GPS together, and then an attitude, a magnetometer, or motion of more than "

@@ -52,6 +52,7 @@ from aircraft_sysid_ros.samples import GPS_NED, Kind
 Array = npt.NDArray[np.float64]
 
 WINDOW = 1.0  # [s] of samples that the alignment rests on
+LEAST_WINDOW = 0.9 * WINDOW
 LARGEST_GAP = 0.25  # [s] between IMU samples in the window
 SLOWEST_COURSE = 3.0  # [m/s] below it a GPS course is noise
 LARGEST_GPS_AGE = 1.5  # [s]
@@ -90,6 +91,8 @@ class Alignment:
         self._newest: dict[int, tuple[float, Array]] = {}
         #: Kinds of GPS samples that have come.
         self.seen: frozenset[int] = frozenset()
+        #: Longest time [s] without a gap in the IMU: WINDOW is needed.
+        self.longest = 0.0
         #: Latitude, longitude [rad], NaN without GPS position, altitude [m] of the positions (3,).
         self.origin: Array | None = None
 
@@ -108,6 +111,7 @@ class Alignment:
                 self.forget()
             self._imu.append((time, values.copy()))
             _drop_before(self._imu, time - WINDOW)
+            self.longest = max(self.longest, time - self._imu[0][0])
             return True
         if kind == Kind.GPS_VELOCITY:
             self._velocity.append((time, values[:3].copy()))
@@ -138,7 +142,7 @@ class Alignment:
         ``wind`` (3,) NED [m/s] and its standard deviations (3,) are what is known of the wind.
         """
         now = self._imu[-1][0]
-        if now - self._imu[0][0] < 0.9 * WINDOW or self.origin is None:
+        if now - self._imu[0][0] < LEAST_WINDOW or self.origin is None:
             return None
         velocity = self._recent(Kind.GPS_VELOCITY, now, LARGEST_GPS_AGE)
         position = self._recent(Kind.GPS_POSITION, now, LARGEST_GPS_AGE)
@@ -165,7 +169,7 @@ class Alignment:
         """As ``start`` where only these kinds of GPS samples are there, fewer than all."""
         now = self._imu[-1][0]
         velocity = self._over_ground(now, gps)
-        if now - self._imu[0][0] < 0.9 * WINDOW or (gps and velocity is None):
+        if now - self._imu[0][0] < LEAST_WINDOW or (gps and velocity is None):
             return None
         if not gps and self.air_data(now) is None:
             return None

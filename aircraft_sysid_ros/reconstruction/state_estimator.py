@@ -19,7 +19,7 @@ from aircraft_sysid_ros.reconstruction.air_data_errors import (
     with_start,
     without_errors,
 )
-from aircraft_sysid_ros.reconstruction.alignment import keep_biases
+from aircraft_sysid_ros.reconstruction.alignment import LARGEST_GAP, LEAST_WINDOW, keep_biases
 from aircraft_sysid_ros.reconstruction.drift import Drift
 from aircraft_sysid_ros.reconstruction.filter_setup import (
     CALM_STD,
@@ -82,6 +82,8 @@ BESIDE = (Kind.CONTROLS, Kind.INPUTS)
 #: Share of what a pitch may be off that the constant of a vane is: at most 0.42 of it in eight flights whose attitude
 #: drifts by 0.7 deg and whose IMU has axes 0.2 deg out of line, 0.22 rms; turns tell the two apart for the rest.
 _OF_TILT = 0.4
+#: Time [s] with an IMU before which nothing is said of its rate.
+_EARLY = 2.0
 #: States that air data have a part in.
 _AIRBORNE = (Status.NO_GPS, *INFERRED)
 
@@ -155,6 +157,7 @@ class StateEstimator:
         self._flown: list[Sensors] = []  # of the manoeuvres before this one
         self._usable_before = np.zeros(len(Kind), np.int64)
         self._counts_before = np.zeros((3, len(Kind)), np.int64)  # of other flights, or another estimator in this one
+        self._begun = 0.0, 0  # time of flight [s] and samples of the IMU before the first one
         self.last_row: Array | None = None
         self._last_airborne: Array | None = None  # newest row with air data
 
@@ -166,6 +169,7 @@ class StateEstimator:
         self.epoch, self.order, self.realignments = before.epoch, before.order, before.realignments
         self._flown, self._usable_before = before._flown, before._usable_before
         self._counts_before = before._became()
+        self._begun = self.flight_time, int(self._usable()[Kind.IMU])
 
     def push(self, samples: Samples) -> Array:
         """Take n samples in the order of arrival; returns rows (m, StateField.WIDTH), m >= 0.
@@ -281,6 +285,18 @@ class StateEstimator:
     def flight_time(self) -> float:
         """Time [s] that the IMU has counted; leaps of its clock are left out."""
         return self.order.elapsed / NANOSECONDS
+
+    @property
+    def imu_in_words(self) -> str:
+        """That the IMU has too many gaps for the filter to start; empty: it has not, or it is early yet."""
+        elapsed, count = self._begun
+        intervals, seconds = int(self._usable()[Kind.IMU]) - count - 1, self.flight_time - elapsed
+        is_early = seconds < _EARLY + self.options.horizon
+        if self.has_been_aligned or is_early or self._start_up.alignment.longest >= LEAST_WINDOW:
+            return ""
+        return (
+            f"the IMU comes at {intervals / seconds:.2g} Hz: it needs samples that are at most {LARGEST_GAP:g} s apart"
+        )
 
     @property
     def has_been_aligned(self) -> bool:

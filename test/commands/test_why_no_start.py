@@ -69,6 +69,26 @@ def test_an_imu_that_is_too_slow_for_a_start_is_named_with_its_rate(said):
     assert text == "the IMU comes at 3 Hz: it needs samples that are at most 0.25 s apart"
 
 
+def test_so_is_one_whose_gaps_are_a_little_too_long_every_time(said):
+    """4 Hz, as autopilots send unasked: the mean is as short as it must be, and it was motion that seemed to lack."""
+    stamp = np.arange(100) * SECOND // 5
+    velocity = samples_of(Kind.GPS_VELOCITY, stamp, np.full((100, 3), 20.0))
+    slow = imu(81, rate=4)
+    slow.stamp[1::2] += SECOND // 100
+    text = said(slow, *fixes(stamp, 0), velocity)
+    assert text == "the IMU comes at 4 Hz: it needs samples that are at most 0.25 s apart"
+
+
+def test_nothing_is_said_of_the_rate_of_an_imu_that_has_only_begun(aircraft):
+    before, after = StateEstimator(aircraft), StateEstimator(aircraft)
+    before.push(imu(1000))
+    after.follow(before)
+    samples = imu(1400)
+    for part in (samples[1000:1010], samples[1010:]):
+        after.push(part)
+        assert after.imu_in_words == ""
+
+
 def test_where_every_sensor_works_it_is_motion_that_lacks(said):
     stamp = np.arange(10) * SECOND // 5
     velocity = samples_of(Kind.GPS_VELOCITY, stamp, np.zeros((10, 3)))
