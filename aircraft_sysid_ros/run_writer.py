@@ -54,7 +54,7 @@ from aircraft_sysid_ros.run_reader import (
     STATE,
     corrected_note,
 )
-from aircraft_sysid_ros.samples import Kind, Samples, are_sound, concatenate
+from aircraft_sysid_ros.samples import STRAYS, Kind, Samples, are_sound, concatenate, with_mass_in_flight
 from aircraft_sysid_ros.stamps import nanoseconds
 from aircraft_sysid_ros.text_file import put_in_place, write_whole
 
@@ -62,8 +62,6 @@ Array = npt.NDArray[np.float64]
 
 #: States written per second of flight: the live topic has them all.
 STATE_RATE = 25.0
-#: So many samples of a flight may be days from the others.
-_STRAYS = 10
 
 
 class RunWriter:
@@ -294,9 +292,11 @@ def _without_strays(samples: Samples) -> Samples:
 
     More of them are a clock that was set in flight.
     """
+    if np.any(samples.kind == Kind.SEAM):
+        return samples
+    samples = with_mass_in_flight(samples)
     sound = are_sound(samples.stamp)
-    few = np.count_nonzero(~sound) <= _STRAYS and not np.any(samples.kind == Kind.SEAM)
-    return samples[sound] if few else samples
+    return samples[sound] if np.count_nonzero(~sound) <= STRAYS else samples
 
 
 def _held(parameters: Sequence[Mapping[str, Any]], why: str) -> list[dict[str, Any]]:

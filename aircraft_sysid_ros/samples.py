@@ -129,6 +129,8 @@ SAME_FLIGHT = 3600.0
 #: Stamps [ns] further from the middle of a recording than this are wrong.
 _LONGEST = 24 * 3600 * 10**9
 _SECOND = 10**9
+#: So many samples of a flight may be days from the others; more are a clock that was set.
+STRAYS = 10
 
 
 def joined(parts: Sequence[Samples]) -> tuple[Samples, list[int]]:
@@ -169,6 +171,28 @@ def span(samples: Samples) -> tuple[int, int]:
     """First and last stamp [ns] that can be right: of the IMU, which is the clock, where there is one."""
     of_imu = samples.stamp[samples.kind == Kind.IMU]
     return first_and_last(of_imu if len(of_imu) else samples.stamp)
+
+
+def with_mass_in_flight(samples: Samples) -> Samples:
+    """Samples of one clock, in order of arrival, of which mass properties from before the flight are stamped when it
+    begins, in their order, or a second before they arrive.
+
+    A latched message is older than the flight by hours, or has no stamp: times would count from it.
+    """
+    masses, of_imu = np.flatnonzero(samples.kind == Kind.MASS), samples.kind == Kind.IMU
+    clock = samples.stamp[of_imu]
+    if not len(masses) or not len(clock) or np.count_nonzero(~are_sound(clock)) > STRAYS:
+        return samples
+    begin, end = first_and_last(clock)
+    early = masses[samples.stamp[masses] < begin]
+    if not len(early):
+        return samples
+    heard = of_imu & (samples.stamp >= begin) & (samples.stamp <= end)
+    arrived = np.maximum.accumulate(np.where(heard, samples.stamp, begin))[early]
+    rank = np.argsort(np.argsort(samples.stamp[early], kind="stable"), kind="stable")
+    stamp = samples.stamp.copy()
+    stamp[early] = np.maximum(begin - len(early) + rank, arrived - _SECOND)
+    return Samples(stamp, samples.kind, samples.values)
 
 
 def first_and_last(stamps: npt.NDArray[np.int64]) -> tuple[int, int]:

@@ -22,7 +22,7 @@ from aircraft_sysid_ros.ros_messages.conversion import (
     samples_and_rows,
     topics_of,
 )
-from aircraft_sysid_ros.samples import Samples, concatenate, first_and_last
+from aircraft_sysid_ros.samples import Samples, concatenate, first_and_last, with_mass_in_flight
 from aircraft_sysid_ros.stamps import NANOSECONDS
 
 #: No message holds more samples than this.
@@ -98,7 +98,8 @@ def read_recording(path: str | Path, inputs: Sequence[NamedInput] = ()) -> Recor
     notes += [note for topic, count in skipped.items() for note in losses.undecoded_notes(count, "/" + topic)]
     ignored = _counts(raw, raw.channels.keys() - wanted.keys())
     order = np.argsort(np.concatenate(orders), kind="stable")
-    samples, arrival = _in_order(concatenate(batches), order), np.concatenate(arrivals)[order]
+    samples = with_mass_in_flight(_in_order(concatenate(batches), order))
+    arrival = np.concatenate(arrivals)[order]
     unnamed = _unnamed(raw, inputs)
     return Recording(Path(path), samples, topics, ignored, skipped, arrival, (*raw.notes, *notes), unnamed)
 

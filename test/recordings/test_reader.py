@@ -67,6 +67,24 @@ def test_a_stamp_of_zero_moves_no_time_of_the_others(tmp_path):
     assert whole.duration == pytest.approx(19.96)
 
 
+@pytest.mark.parametrize("before", [3600, 5 * 24 * 3600, START // 10**9])
+def test_mass_properties_from_before_the_flight_hold_from_its_begin(tmp_path, before):
+    """A latched message made a recording an hour long, with gaps; from days before, the run of a replay lost it."""
+    stamp = START + np.arange(200) * 10_000_000
+    old = START - before * 10**9 + np.array([0, 1, 0])
+    with RecordingWriter(tmp_path / "flight") as writer:
+        fields = imu_fields(np.zeros((200, 3)), np.zeros((200, 3)))
+        writer.write("imu/data", TOPICS["imu/data"], stamp, fields, log_time=stamp + 1)
+        at, mass = np.array([START, START, stamp[-1] + 2]), {"mass": np.array([2.0, 3.0, 4.0])}
+        writer.write("mass_properties", TOPICS["mass_properties"], old, mass, log_time=at)
+    recording = read_recording(tmp_path / "flight")
+    masses = recording.samples[recording.samples.kind == Kind.MASS]
+    assert masses.values[:, 0].tolist() == [2.0, 3.0, 4.0]
+    assert masses.stamp[0] < masses.stamp[1] < START == pytest.approx(masses.stamp[1], abs=10)
+    assert masses.stamp[2] == stamp[-1] - 10**9
+    assert recording.duration == pytest.approx(1.99)
+
+
 def test_only_one_aircraft_is_read(tmp_path):
     with RecordingWriter(tmp_path / "two") as writer:
         for name, count in (("/a/imu/data", 3), ("/b/imu/data", 4), ("/b/gps/vel", 2)):
