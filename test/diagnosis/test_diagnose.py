@@ -594,10 +594,10 @@ def test_amid_axes_that_nothing_explains_an_effect_must_explain_most(aircraft, e
 
 @pytest.mark.long
 def test_a_clean_flight_without_vanes_is_given_nothing():
-    """Of JSBSim: what its inferred angles get wrong had been called propwash."""
+    """Of JSBSim: what its inferred angles get wrong had been called propwash. What is listed has no name."""
     flight = hidden_flight("c172p", None, seed=9303, duration=60.0)
     said = diagnose_flight(flight.aircraft, without_vanes(flight), replicas=3).json
-    assert (said["verdict"], said["candidates"]) == ("none", [])
+    assert said["verdict"] == "none" and [c["effect"] for c in said["candidates"] if c["effect"] or c["found"]] == []
 
 
 @pytest.mark.long
