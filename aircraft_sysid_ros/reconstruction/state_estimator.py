@@ -42,6 +42,7 @@ from aircraft_sysid_ros.reconstruction.state import (
     ATTITUDE,
     D_ACCELEROMETER_BIAS,
     D_AIR_VELOCITY,
+    D_ATTITUDE,
     D_GYRO_BIAS,
     ERROR_SIZE,
     GUSTY_START,
@@ -268,6 +269,8 @@ class StateEstimator:
 
         assert self.tape is not None
         rows = smooth(self.tape, with_covariance)
+        if with_covariance:
+            _doubt_tilt(rows, *self.tilt_doubt)
         airborne = _newest_airborne(rows)
         if self._last_airborne is not None and airborne is not None:
             self._last_airborne = airborne.copy()
@@ -573,6 +576,16 @@ class StateEstimator:
         """The random walk of the wind at a start: air that is taken as calm has no gusts."""
         least = self.aircraft.process_noise["wind"]
         self.memory.wind_walk[:] = least if self.options.calm_air else max(least, GUSTY_START)
+
+
+def _doubt_tilt(rows: Array, roll: float, pitch: float) -> None:
+    """Widen roll, pitch and the biases that look like them in rows (n, StateField.WIDTH) by what the attitude of the
+    recording may be off in the mean of the flight [rad]: no smoother sees that.
+    """
+    std = rows[:, StateField.STANDARD_DEVIATIONS]
+    for i, doubt in enumerate((roll, pitch)):
+        for at, size in ((D_ATTITUDE + i, doubt), (D_ACCELEROMETER_BIAS + 1 - i, STANDARD_GRAVITY * doubt)):
+            std[:, at] = np.hypot(std[:, at], size)
 
 
 def _newest_airborne(rows: Array) -> Array | None:

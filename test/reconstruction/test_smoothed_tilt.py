@@ -1,0 +1,38 @@
+"""An attitude with a slow error of its own leaves tilt and bias of the accelerometer in doubt, smoothed or not."""
+
+import numpy as np
+from aircraft_files import of_shape
+
+from aircraft_sysid_ros.aircraft.frames import quaternion_exp, quaternion_product
+from aircraft_sysid_ros.reconstruction.smoother_history import SmootherHistory
+from aircraft_sysid_ros.reconstruction.state import D_ACCELEROMETER_BIAS, D_ATTITUDE, StateField
+from aircraft_sysid_ros.reconstruction.state_estimator import StateEstimator
+from aircraft_sysid_ros.samples import Kind, Samples
+from aircraft_sysid_ros.sensors.sensor_models import SensorOptions
+from aircraft_sysid_ros.simulation.simulated_flight import simulate_samples
+
+SLOW = 0.02  # [rad]
+
+
+def with_slow_error(samples: Samples) -> Samples:
+    values, time = samples.values.copy(), (samples.stamp - samples.stamp[0]) * 1e-9
+    for i in np.flatnonzero(samples.kind == Kind.ATTITUDE):
+        error = SLOW * np.array([np.sin(time[i] / 6.0), np.sin(time[i] / 5.0 + 1.0), 0.0])
+        values[i, :4] = quaternion_product(values[i, :4], quaternion_exp(error))
+    return Samples(samples.stamp, samples.kind, values)
+
+
+def test_smoothing_does_not_take_away_the_doubt_of_a_drifting_attitude(aircraft) -> None:
+    """With ``--smooth`` the bias of the accelerometer was known ten times too well, and so were C_X,0 and C_Y,0."""
+    flight = simulate_samples(aircraft, 3, 30.0, sensors=SensorOptions(attitude=True))
+    with SmootherHistory() as tape:
+        estimator = StateEstimator(of_shape(aircraft), None, tape)
+        estimator.push(with_slow_error(flight.samples))
+        estimator.flush()
+        roll, pitch = estimator.tilt_doubt
+        std = estimator.smooth()[:, StateField.STANDARD_DEVIATIONS]
+        assert min(roll, pitch) > 0.1 * SLOW
+        assert (std[:, D_ATTITUDE] > roll).all() and (std[:, D_ATTITUDE + 1] > pitch).all()
+        assert (std[:, D_ACCELEROMETER_BIAS] > 9.8 * pitch).all()
+        assert (std[:, D_ACCELEROMETER_BIAS + 1] > 9.8 * roll).all()
+        assert (std[:, D_ACCELEROMETER_BIAS + 2] < 9.8 * min(roll, pitch)).any()
