@@ -52,7 +52,7 @@ class StartUp:
 
     @property
     def origin(self) -> Array:
-        """Latitude and longitude [rad] and height [m] of the first start (3,); after it. NaN: the place is not known."""
+        """Latitude and longitude [rad] and height [m] of the first start (3,); after it. NaN: no place is known."""
         assert self.alignment.origin is not None
         height = self.alignment.origin[2]
         return self.alignment.origin if Kind.GPS_POSITION in self.gps else np.array([np.nan, np.nan, height])
