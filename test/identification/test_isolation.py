@@ -248,14 +248,17 @@ def test_what_a_surface_lost_in_one_axis_is_believed_of_the_others(aircraft, tru
     assert not believed(Cn_dr=0.5)
     assert believed(Cn_da=0.53)
     assert len(known.changed) == 2
+    again = known_as(aircraft, with_(aircraft, truth, Cl_da=0.25, Cn_da=0.25))  # half of what was left
+    assert known.changes(again) and not known.accept_alike(known.changes(again), again)
     known.regain(known_as(aircraft, truth))
     assert not believed(CY_da=0.5)
 
 
+@pytest.mark.parametrize("since", [98.0, np.nan])
 @pytest.mark.parametrize(("moved", "goes_back"), [(0.0, False), (1.0, True)])
-def test_a_hold_does_not_end_while_what_was_lost_does_not_move(aircraft, truth, moved, goes_back):
+def test_a_hold_does_not_end_while_what_was_lost_does_not_move(aircraft, truth, moved, goes_back, since):
     """After half of an aileron was lost roll rate and sideslip alone moved for 4 s: both sets predict them alike, and
-    the old effect had USE again. Where the aileron moves, and does what it did, it may.
+    the old effect had USE again. Where the aileron moves, and does what it did, it may. So in the next manoeuvre.
     """
     integrity, axis = monitor_of(aircraft, truth), AXES.index("Cl")
     good, newest = (known_as(aircraft, with_(aircraft, truth, Cl_da=left)) for left in (1.0, 0.5))
@@ -273,9 +276,23 @@ def test_a_hold_does_not_end_while_what_was_lost_does_not_move(aircraft, truth, 
     samples[:, CoefficientSample.PREDICTED.start + axis] = terms[:, part] @ newest.theta[part]
     weights = np.zeros((len(samples), WEIGHT_COLUMNS))
     integrity._history.add(samples, weights, samples[:, CoefficientSample.PREDICTED])
-    hold = Hold(98.0, 98.0, "model error", good, sensor=False, high=True)
+    begun = 98.0 if np.isfinite(since) else -np.inf  # as after a restart of the clock
+    hold = Hold(since, begun, "model error", good, sensor=False, high=True)
     hold.sensor = True  # as where what was learnt was not believed: no sensor has said anything
     assert (integrity._end.decide(axis, hold, 110.0, Signs(), False) is Release.BACK) == goes_back
+
+
+def test_what_times_a_hold_has_are_none_by_another_clock(aircraft, truth):
+    """The record of a surface stood still when the clock was set back by an hour: the axis was held for that hour."""
+    integrity = monitor_of(aircraft, truth)
+    hold = Hold(3590.0, 3591.0, "model error", known_as(aircraft, truth), sensor=False, high=True, stuck="da")
+    hold.still, hold.last_heard = 3600.0, 3588.0
+    hold.good.without_time = lambda: hold.good
+    integrity.holds[AXES.index("Cl")] = hold
+    integrity.known_before.restart_clock = lambda: None
+    integrity.restart()
+    assert "stands still" in hold.what and hold.still < 0.0
+    assert np.isnan(hold.last_heard) and np.isnan(hold.said_since)
 
 
 def test_an_effect_that_was_lost_may_come_back(aircraft, truth):

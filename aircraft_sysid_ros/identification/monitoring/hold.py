@@ -18,6 +18,9 @@ from aircraft_sysid_ros.identification.trust import Trust
 
 Array = npt.NDArray[np.float64]
 
+#: Time [s] that is before any by the clock of now, and one that was.
+_BEFORE_ALL = -float(np.finfo(np.float64).max)
+
 
 @dataclass
 class Hold:
@@ -43,6 +46,13 @@ class Hold:
         """Say what explains it, unless a sensor is known to be lost or wrong, or contradicts all others by itself."""
         if not (self.sure or self.told):
             self.words = words
+
+    def restart_clock(self) -> None:
+        """The clock started over: what was by the other one was before all that is by this one."""
+        self.since = self.last_heard = np.nan
+        self.begun, self.still = -np.inf, min(self.still, _BEFORE_ALL)
+        if self.good is not None:
+            self.good = self.good.without_time()
 
     @property
     def said_since(self) -> float:

@@ -92,7 +92,8 @@ class HoldEnd:
             return Release.ON if is_normal and self._is_believed(axis, hold, quiet) else None
         if not newest_better:
             stays = self.errors.exceeds(axis, float(good.mean()), NORMAL)
-            unseen = signs.last < hold.since and self._is_unseen(axis, better, len(times), hold.good)
+            no_sign = signs.last < hold.since or np.isinf(signs.last)  # none since, nor since the clock started over
+            unseen = no_sign and self._is_unseen(axis, better, len(times), hold.good)
             return None if stays or unseen else Release.BACK
         hold.stuck = self._stuck(axis, hold.good)
         if hold.stuck or (hold.sensor and now - signs.last < SURE):

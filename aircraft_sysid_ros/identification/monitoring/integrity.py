@@ -132,9 +132,7 @@ class IntegrityMonitor:
         self._before: dict[int, ParameterCheckpoint] = {}  # what was good before a hold that ended with the newest
         for hold in self.holds:
             if hold is not None:
-                hold.since, hold.begun = np.nan, -np.inf
-                if hold.good is not None:
-                    hold.good = hold.good.without_time()
+                hold.restart_clock()
 
     # -- evaluation -------------------------------------------------------------------------------------------------
 

@@ -127,21 +127,24 @@ class KnownBefore:
         names = self._model.parameter_names
         for change in changes:
             j = names.index(change.name)
+            if j in self.changed:  # it is less again, and the others may not have said how much yet
+                self._lost.pop(change.label, None)
+            elif change.label in SURFACE_WORDS:
+                self._lost[change.label] = change.ratio, words
             self._whole[:, j] = self._best[:, j]
             self._best[:, j] = kept.within_flight[:, j]
             self.changed[j] = (f"changed: {change.before:.3g} before, {words}", change.before)
             self._kept[change.axis] = kept
-            if change.label in SURFACE_WORDS:
-                self._lost[change.label] = change.ratio, words
 
     def accept_alike(self, changes: list[Change], kept: ParameterCheckpoint) -> bool:
         """Whether all that changed is what a surface does that is known to have lost effect, and lost as much of it.
 
-        The aeroplane is that one in this axis, too.
+        The aeroplane is that one in this axis, too. What has lost it already and does less again is another one.
         """
+        names = self._model.parameter_names
         for change in changes:
             left, words = self._lost.get(change.label, (np.nan, ""))
-            if not abs(change.ratio / left - 1.0) < ALIKE:
+            if names.index(change.name) in self.changed or not abs(change.ratio - left) < ALIKE * abs(left):
                 return False
         self.accept(changes, kept, words)
         return True
