@@ -122,6 +122,22 @@ def test_a_record_that_is_held_in_the_rows_of_a_faster_one_is_half_of_its_own_in
     assert is_a_fault(setting_of(BY_ID["actuator_lag"], -0.05), aircraft, samples)
 
 
+def test_thrust_that_is_new_in_every_row_does_not_hide_that_surfaces_are_held(aircraft):
+    moved, thrust = 0.1 * np.sin(np.arange(1000) // 5 * 5 / 50.0), 3.0 + np.sin(np.arange(1000) / 50.0)
+    columns = [moved, *np.zeros((4, 1000)), thrust, np.zeros(1000)]
+    samples = samples_of(Kind.CONTROLS, np.arange(1000) * 20_000_000, *columns)
+    assert not is_a_fault(setting_of(BY_ID["late_controls"], 0.05), aircraft, samples)
+
+
+@pytest.mark.parametrize(("rows", "fault"), [(1, True), (5, False)])
+def test_vanes_that_are_held_are_as_late_as_surfaces_are(aircraft, rows, fault):
+    angle = 0.1 * np.sin(np.arange(1000) // rows * rows / 50.0)
+    stamp = np.arange(1000) * 20_000_000
+    airspeed = samples_of(Kind.AIRSPEED, stamp, 20.0 + np.sin(stamp / 2e9))
+    samples = concatenate([airspeed, samples_of(Kind.ANGLE_OF_ATTACK, stamp, angle)])
+    assert is_a_fault(setting_of(BY_ID["air_data_lag"], 0.05), aircraft, samples) is fault
+
+
 def test_commands_in_steps_are_not_held(aircraft):
     steps = 0.1 * np.sign(np.sin(np.arange(2000) / 30.0))
     samples = samples_of(Kind.CONTROLS, np.arange(2000) * 20_000_000, steps, *np.zeros((6, 2000)))

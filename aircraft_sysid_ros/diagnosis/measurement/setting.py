@@ -130,10 +130,12 @@ def is_a_fault(setting: Setting, file: Aircraft, samples: Samples) -> bool:
         typical = float(np.nanmedian(airspeed)) if np.any(np.isfinite(airspeed)) else 0.0
         return size * file.span >= typical * _delay_of_averaging(samples, Kind.IMU, Kind.AIRSPEED)
     if key[-1] in _LATE:
-        kinds = {**OF_MOTION, CONTROLS: Kind.CONTROLS, **AIR_DATA}
-        allowed = _delay_of_averaging(samples, kinds.get(key[1], Kind.AIRSPEED))
-        if key[1] == CONTROLS and setting.value > setting.nominal:  # recorded late, as what is held is
-            allowed = max(allowed, THRESHOLDS.least_delay_share * _held_interval(samples))
+        of_one = {**OF_MOTION, CONTROLS: Kind.CONTROLS, **AIR_DATA}
+        kinds = [of_one[key[1]]] if key[1] in of_one else AIR_DATA.values()
+        allowed = _delay_of_averaging(samples, *kinds)
+        if setting.value > setting.nominal:  # recorded late, as what is held is
+            held = max(_held_interval(samples, kind) for kind in kinds)
+            allowed = max(allowed, THRESHOLDS.least_delay_share * held)
         return size >= allowed
     return True
 
@@ -144,14 +146,15 @@ def _delay_of_averaging(samples: Samples, *kinds: Kind) -> float:
     return max(THRESHOLDS.least_delay, THRESHOLDS.least_delay_share * slowest)
 
 
-def _held_interval(samples: Samples) -> float:
-    """Time [s] between new values of controls where rows of a faster record only repeat them; else 0.
+def _held_interval(samples: Samples, kind: Kind) -> float:
+    """Time [s] between new values of a sensor where rows of a faster record only repeat them; else 0. Of controls those
+    of elevator, aileron and rudder count: thrust may be new in every row.
 
     Nearly all intervals between new values are that long, or longer where surfaces stand still. Commands in steps are
     further apart, and not held.
     """
-    at = samples.kind == Kind.CONTROLS
-    values, stamp = samples.values[at], samples.stamp[at]
+    at = samples.kind == kind
+    values, stamp = samples.values[at, : 3 if kind == Kind.CONTROLS else None], samples.stamp[at]
     new = np.flatnonzero(np.any(np.diff(np.nan_to_num(values), axis=0) != 0.0, axis=1)) + 1
     if len(new) < _FEWEST_NEW:
         return 0.0
