@@ -95,6 +95,36 @@ def test_topics_of_any_name_are_guessed_and_imported(flown, bag, tmp_path, ros):
     )
 
 
+def test_topics_of_cameras_and_of_what_is_asked_for_are_not_the_flight(flown, bag, tmp_path):
+    """They were taken where they have more messages than the aeroplane's own, and then hid what all others are."""
+    attitude = "std_msgs/Header header\nfloat64 roll\nfloat64 pitch\nfloat64 yaw\n"
+    types = {"lab_msgs/msg/Probe": PROBE, "lab_msgs/msg/Attitude": attitude}
+    messages, rng = list(_messages(flown)), np.random.default_rng(0)
+    for i, time in enumerate(flown["time"]):
+        stamp = START + round(time * 1e9)
+        imu = {name: _vector(*rng.normal((0.0, 0.0, 9.8), 1.0)) for name in ("linear_acceleration", "angular_velocity")}
+        messages.append((stamp, "/camera/imu", "sensor_msgs/msg/Imu", {**_stamped(stamp), **imu}))
+        asked = dict(zip(("roll", "pitch", "yaw"), rng.normal(0.0, 0.1, 3), strict=True))
+        messages.append((stamp, "/attitude_setpoint", "lab_msgs/msg/Attitude", {**_stamped(stamp), **asked}))
+        if i % 4 == 0:
+            angles = {name: float(flown[f"attitude.{name}"][i]) for name in asked}
+            messages.append((stamp, "/ahrs/euler", "lab_msgs/msg/Attitude", {**_stamped(stamp), **angles}))
+    log = write_bag(tmp_path / "flight", types, messages)
+    report = guess_columns(log, tmp_path / "map.yaml")
+    taken = {line["signal"]: table["file"] for table in report["tables"] for line in table["lines"] if line["active"]}
+    of_imu = {f"{kind}.{axis}" for kind in ("specific_force", "angular_velocity") for axis in "xyz"}
+    assert {taken[signal] for signal in of_imu} == {"vn100/imu"}
+    assert {taken[f"attitude.{name}"] for name in ("roll", "pitch", "yaw")} == {"ahrs/euler"}
+
+    only = [message for message in messages if message[1] not in ("/ahrs/euler", "/vn100/imu")]
+    report = guess_columns(write_bag(tmp_path / "without", types, only), tmp_path / "without.yaml")
+    lines = [line for table in report["tables"] for line in table["lines"]]
+    assert not any(line["active"] for line in lines if line["signal"].startswith(("attitude", *sorted(of_imu))))
+    assert {"its topic is called as what is asked for", "its topic is called as that of another body"} <= {
+        line["evidence"].split(";")[0] for line in lines
+    }
+
+
 def test_a_bag_of_ros_1_of_mavros_needs_no_map(flown, tmp_path):
     """As most flights with MAVROS that people share are."""
     messages = []

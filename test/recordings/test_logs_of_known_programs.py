@@ -211,10 +211,26 @@ def _read(file):
 @pytest.mark.parametrize(
     "name",
     ["Vtrue,_ktgs", "/engines/engine/oil-temperature-degf", "/autopilot/settings/target/altitude-ft", "P deg/sec/deg",
-     "hding,__mag", "/accelerations/pilot-gdamped", "/fmu/out/imu/x"],
+     "hding,__mag", "/accelerations/pilot-gdamped", "/fmu/out/imu/x", "/gimbal/pitch", "/camera/imu/angular_velocity.x",
+     "/autopilot/pid/pitch", "/controls/flight/elevator", "/home/altitude", "/wind/velocity/north", "/traffic/latitude",
+     "/esc/temperature", "/hydraulic/pressure", "/goal/latitude", "/body/rates/roll", "/moments/pitch",
+     "/acceleration/north", "/inputs/yaw"],
 )  # fmt: skip
 def test_what_only_ends_like_a_signal_is_none(name):
     assert guess_name(name) is None and guess_ground_track(name) is None
+
+
+@pytest.mark.parametrize(
+    ("name", "signal", "unit"),
+    [("/odom/velocity/north", "velocity.north", ""), ("/gnss/vel/north", "velocity.north", ""),
+     ("/fdm/velocities/p-rad_sec", "angular_velocity.x", "rad/s"), ("/boom/vane/alpha", "angle_of_attack", ""),
+     ("/autopilot/state/pitch", "attitude.pitch", ""), ("/inputs/elevator-deg", "elevator", "deg"),
+     ("/controls/engines/engine/throttle", "throttle", "")],
+)  # fmt: skip
+def test_as_much_of_a_path_as_is_known_says_what_it_is(name, signal, unit):
+    """A velocity to the north was a position there, and of alpha pint has a unit."""
+    guess = guess_name(name)
+    assert (guess.signal, guess.unit) == (signal, unit)
 
 
 def test_rates_in_thousandths_are_not_taken_for_degrees(tmp_path, flown):

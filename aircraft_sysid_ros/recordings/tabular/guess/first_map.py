@@ -13,12 +13,21 @@ import yaml
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.mavlink.servo_mapping import ServoMapping
 from aircraft_sysid_ros.recordings.autopilot_log import NO_DATE
+from aircraft_sysid_ros.recordings.tabular.bag_tables import is_bag
 from aircraft_sysid_ros.recordings.tabular.column_map import TEXT_TIMES, ColumnMap, parse_column_map
 from aircraft_sysid_ros.recordings.tabular.guess.ground_track import ground_track_columns
 from aircraft_sysid_ros.recordings.tabular.guess.known_kinds import known_lines
 from aircraft_sysid_ros.recordings.tabular.guess.known_line import KnownLine
+from aircraft_sysid_ros.recordings.tabular.guess.magnitudes import SURFACES
 from aircraft_sysid_ros.recordings.tabular.guess.manoeuvre_tables import joined_manoeuvres
-from aircraft_sysid_ros.recordings.tabular.guess.names import TIME, guess_name, in_company, is_command
+from aircraft_sysid_ros.recordings.tabular.guess.names import (
+    TIME,
+    guess_name,
+    in_company,
+    is_asked_for,
+    is_command,
+    is_elsewhere,
+)
 from aircraft_sysid_ros.recordings.tabular.guess.quaternions import quaternion_columns
 from aircraft_sysid_ros.recordings.tabular.guess.resolve import resolve
 from aircraft_sysid_ros.recordings.tabular.guess.series import Column
@@ -29,6 +38,8 @@ from aircraft_sysid_ros.text_file import write_whole
 
 _ROWS, _CELLS = 400_000, 24_000_000  # that are looked at, of a table, at most
 _MOST_COLUMNS = 400
+#: After all other columns, of whatever names.
+_OF_ANOTHER = 10_000
 #: Day 0 of spreadsheets.
 SPREADSHEET = "1899-12-30T00:00:00Z"
 
@@ -99,6 +110,8 @@ def guess_map(path: Path, mapping: ServoMapping | None = None) -> FirstMap:
         named, of_several = _named_columns(table, content, time) if time is not None else ([], set())
         taken = {column.name for column in named} | of_several | ({time.column} if time is not None else set())
         part.unmapped = [name for name in table.columns if name and name not in taken]
+        for column in named:
+            _weigh_table(column, is_bag(path))
         columns += [(part, column) for column in named]
     _count_as_import(parts, columns)
     best = _best_by_signal(columns)
@@ -258,6 +271,22 @@ def _named_columns(
     angles, four = quaternion_columns(table.name, content, time.seconds, found)
     velocity, two = ground_track_columns(table.name, content, table.units, time.seconds)
     return [*(column for column in found if column.name not in four), *angles, *velocity], four | two
+
+
+def _weigh_table(column: Column, is_topic: bool) -> None:
+    """What the name of its table says of a column: the topics of a bag hold demands and cameras beside the aeroplane.
+
+    Files are called in many ways, as that of a flight after its target: they only come after others then.
+    """
+    asked_for = is_asked_for(column.table)
+    if not asked_for and not is_elsewhere(column.table, column.signal):
+        return
+    column.distance += _OF_ANOTHER
+    if asked_for and column.signal in (*SURFACES, "throttle"):
+        column.sure = False
+        column.evidence.append("a command, which the surface follows later")
+    elif is_topic:
+        column.doubt = f"its topic is called as {'what is asked for' if asked_for else 'that of another body'}"
 
 
 def _best_by_signal(columns: list[tuple[TablePart, Column]]) -> dict[str, Column]:

@@ -27,6 +27,15 @@ _BY_NAME = {
 _OF_TRACK = {word: part for part, words in _VOCABULARY["ground_track"].items() for word in words.split()}
 _SOURCES = frozenset(_VOCABULARY["sources"].split())
 _OTHERS = frozenset(_VOCABULARY["others"].split())
+_DEMANDS, _ELSEWHERE = (frozenset(_VOCABULARY[key].split()) for key in ("demands", "elsewhere"))
+#: SI units by the word of a quantity.
+_QUANTITIES: dict[str, frozenset[str]] = {
+    word: frozenset(unit for unit, words in _VOCABULARY["quantities"].items() if word in words.split())
+    for word in " ".join(_VOCABULARY["quantities"].values()).split()
+}
+#: Of a stick: what has no unit there is of -1 to 1, and no angle.
+_INPUTS = frozenset({"actuator", "actuators", "control", "controls", "input", "inputs"})
+_OF_ENGINES, _SURFACES = ("throttle", "thrust", "propeller_speed"), ("elevator", "aileron", "rudder", "flaps")
 #: Names that mean something else as well: lengths and widths, a capacity, a regime of flight.
 _NEEDS_UNIT = frozenset({"laenge", "breite", "cap", "regime"})
 _COMMANDS = frozenset({"cmd", "command", "commanded"})
@@ -111,6 +120,16 @@ def is_of_another(column: str) -> bool:
     return _is_of_another(_words(column))
 
 
+def is_asked_for(table: str) -> bool:
+    """Whether the name of a table or of a topic says that its columns are what was asked for."""
+    return not _DEMANDS.isdisjoint(_words(table))
+
+
+def is_elsewhere(table: str, signal: str) -> bool:
+    """Whether the name of a table or of a topic says that a signal of it is that of another body."""
+    return _is_elsewhere(frozenset(_words(table)), signal)
+
+
 def is_time_step(column: str) -> bool:
     """Whether a name may mean the time from row to row as well."""
     return "_".join(_words(column)) in ("dt", "d_t", "delta_t")
@@ -168,12 +187,37 @@ def _readings(words: list[str]) -> list[tuple[list[str], str, int]]:
 
 
 def _readings_of_path(name: str) -> list[tuple[list[str], str, int]]:
-    """Readings of the last part of a path, as simulators name their properties: ``/position/latitude-deg``."""
+    """Readings of the end of a path, as simulators name their properties: ``/position/latitude-deg``."""
     parts = name.strip().strip("/").split("/")
-    is_path = len(parts) > 1 and all(len(part) > 2 for part in parts) and not is_unit(parts[-1])  # none is ax,m/s
+    is_path = len(parts) > 1 and all(len(part) > 2 for part in parts) and not _ends_as_unit(parts[-1])  # none is ax,m/s
     if not is_path or _is_of_another(_words(name)):
         return []
-    return [(tokens, unit, cost + 1) for tokens, unit, cost in _readings(_words(parts[-1]))]
+    for i in range(1, len(parts)):  # as much of it as is known: in a/velocity/north north is no position
+        found = [each for each in _readings(_words("/".join(parts[i:]))) if "_".join(each[0]) in _BY_NAME]
+        if found:
+            where = frozenset(_words("/".join(parts[:i])))
+            return [(tokens, unit, cost + i) for tokens, unit, cost in found if _is_there(where, tokens, unit)]
+    return []
+
+
+def _is_there(where: frozenset[str], tokens: list[str], unit: str) -> bool:
+    """Whether the first words of a path leave it possible that its end is the signal that it is called."""
+    signal = _BY_NAME["_".join(tokens)][0]
+    quantities = [_QUANTITIES[word] for word in where if word in _QUANTITIES]
+    if quantities and signal != TIME and not any(UNITS[signal] in units for units in quantities):
+        return False
+    is_input = not _INPUTS.isdisjoint(where) and not unit and (signal in _SURFACES or signal.startswith("attitude"))
+    return not is_input and _DEMANDS.isdisjoint(where) and not _is_elsewhere(where, signal)
+
+
+def _ends_as_unit(last: str) -> bool:
+    """Whether what follows a "/" is the rest of a unit; pint has some for alpha and mass, too."""
+    signal = _BY_NAME.get("_".join(_words(last)), (TIME,))[0]
+    return is_unit(last) and (signal == TIME or last.lower() in _UNIT_ENDINGS)
+
+
+def _is_elsewhere(words: frozenset[str], signal: str) -> bool:
+    return bool(words & _ELSEWHERE) and signal not in _OF_ENGINES
 
 
 def _without_unit(words: list[str]) -> list[tuple[list[str], str]]:
