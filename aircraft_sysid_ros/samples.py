@@ -162,9 +162,23 @@ def repeats(time: npt.NDArray[Any], values: npt.NDArray[np.float64]) -> npt.NDAr
     repeated = np.zeros(len(time), np.bool_)
     again = 1 + np.flatnonzero(time[1:] == time[:-1])
     if len(again):
-        new, old = values[again], values[again - 1]
-        repeated[again] = np.all((new == old) | (np.isnan(new) & np.isnan(old)), axis=1)
+        repeated[again] = _are_equal(values[again], values[again - 1])
     return repeated
+
+
+def _are_equal(new: npt.NDArray[np.float64], old: npt.NDArray[np.float64]) -> npt.NDArray[np.bool_]:
+    """Which rows (n, k) are the same."""
+    return np.asarray(np.all((new == old) | (np.isnan(new) & np.isnan(old)), axis=1))
+
+
+def without_repeats(samples: Samples) -> Samples:
+    """Samples, as they arrived, without those that are there already, stamp and values and all."""
+    order = np.lexsort((samples.stamp, samples.kind))  # stable: equals stay in the order of arrival
+    again = 1 + np.flatnonzero((np.diff(samples.stamp[order]) == 0) & (np.diff(samples.kind[order]) == 0))
+    again = again[_are_equal(samples.values[order[again]], samples.values[order[again - 1]])]
+    keep = np.ones(len(samples), np.bool_)
+    keep[order[again]] = False
+    return samples if keep.all() else samples[keep]
 
 
 def span(samples: Samples) -> tuple[int, int]:

@@ -26,7 +26,7 @@ from aircraft_sysid_ros.run_reader import (
     read_samples,
     read_state,
 )
-from aircraft_sysid_ros.samples import WIDTH, Kind, Samples
+from aircraft_sysid_ros.samples import WIDTH, Kind, Samples, without_repeats
 
 Array = npt.NDArray[np.float64]
 
@@ -97,4 +97,5 @@ def load_run(run: str | Path) -> RunData:
     if not sound:
         raise InputError(f"the run {run} is of another version or model: replay the recording again")
     calm_air = bool(state.get("calm_air", False))
+    samples = without_repeats(samples)
     return RunData(aircraft, samples, parameters, biases, stamp, measured, terms, calm_air, noise, lacks)

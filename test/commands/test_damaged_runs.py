@@ -163,6 +163,16 @@ def test_what_may_be_unknown_is_no_damage(run) -> None:
     assert load_run(run).biases[0] == 0.0
 
 
+def test_a_sample_that_is_kept_twice_is_read_once(run) -> None:
+    """Of topics that were recorded twice the diagnosis saw sensors of an infinite rate and half of their noise."""
+    count = len(load_run(run).samples)
+    in_arrays(
+        run / "samples.npz",
+        **{name: lambda a, name=name: np.repeat(a[name], 2, axis=0) for name in ("stamp", "kind", "values")},
+    )
+    assert len(load_run(run).samples) == count
+
+
 # -- folders that are something else ------------------------------------------------------------------------
 
 

@@ -20,7 +20,7 @@ from aircraft_sysid_ros.diagnosis.significance.parametric_bootstrap import fitte
 from aircraft_sysid_ros.effects import LIBRARY
 from aircraft_sysid_ros.effects.effect import Effect
 from aircraft_sysid_ros.errors import InputError
-from aircraft_sysid_ros.samples import Kind, Samples
+from aircraft_sysid_ros.samples import Kind, Samples, without_repeats
 from aircraft_sysid_ros.sensors.sensor_models import SensorOptions
 from aircraft_sysid_ros.simulation.simulated_flight import simulate_samples
 
@@ -47,6 +47,18 @@ def test_rates_are_those_of_the_stamps_where_the_imu_is_sparse() -> None:
     rates = {name: slow.sensors[name].rate for name in ("gyro", "accelerometer", "angle_of_attack", "control_surfaces")}
     expected = {"gyro": 12.5, "accelerometer": 12.5, "angle_of_attack": 20.0, "control_surfaces": 50.0}
     assert rates == pytest.approx(expected, rel=0.1)
+
+
+def test_a_topic_that_was_recorded_twice_makes_no_sensor_faster() -> None:
+    """Rates were infinite, so that no replica could be flown, and noise half of what it is."""
+    aircraft, samples = file_of_users(), simulate_samples(file_of_users(), SEED, 20.0).samples
+    twice = samples[np.repeat(np.arange(len(samples)), 2)]
+    assert with_recorded_rates(aircraft, twice).sensors == with_recorded_rates(aircraft, samples).sensors
+    once = without_repeats(twice)
+    for name in ("stamp", "kind", "values"):
+        np.testing.assert_array_equal(getattr(once, name), getattr(samples, name))
+    other = replace(twice, values=twice.values + np.arange(len(twice))[:, None])
+    assert without_repeats(other) is other
 
 
 @pytest.mark.long
@@ -96,20 +108,22 @@ def test_a_replica_of_a_sparse_flight_is_as_sparse_and_holds_no_more_motion_than
     assert power[fast].sum() < 1e-3 * power.sum()
 
 
-@pytest.mark.parametrize("air", [(50.0, 10.0, 10.0), (10.0, 50.0, 25.0)])
+@pytest.mark.parametrize("air", [(50.0, 10.0, 10.0), (10.0, 50.0, 25.0), (50.0, 35.0, 20.0)])
 def test_sensors_of_a_replica_are_as_fast_as_each_of_the_flight(air: tuple[float, float, float]) -> None:
     """Vanes at 10 Hz beside an airspeed at 50 Hz had 50 Hz in replicas, whose errors were two thirds of true ones."""
     rates = dict(zip((Kind.AIRSPEED, Kind.ANGLE_OF_ATTACK, Kind.SIDESLIP), air, strict=True)) | {Kind.ATTITUDE: 20.0}
     samples = simulate_samples(file_of_users(), SEED, 25.0, sensors=SensorOptions(attitude=True)).samples
-    keep = np.ones(len(samples), np.bool_)
+    keep, stamp = np.ones(len(samples), np.bool_), samples.stamp.copy()
     for kind, rate in rates.items():
         at = np.flatnonzero(samples.kind == kind)
-        every = round(np.sum(samples.kind == kind) / 25.0 / rate)
-        keep[at] = np.arange(len(at)) % every == 0
+        keep[at], count = False, round(25.0 * rate)
+        at = at[np.linspace(0, len(at) - 1, count).round().astype(int)]
+        keep[at], stamp[at] = True, np.linspace(stamp[at[0]], stamp[at[-1]], count).astype(np.int64)
+    samples = replace(samples, stamp=stamp)
     made = reconstruct(file_of_users(), samples[keep], with_covariance=False)
     rows = flying(made.rows, made.aircraft.minimum_airspeed)
     again = world_of(replace(made, gusts=0.05), [rows], fitted_parameters(settled_flight(made)), seed=0).samples(0)
-    found = {k: 1e9 / np.median(np.diff(np.sort(again.stamp[again.kind == k]))) for k in rates}
+    found = {k: 1e9 / np.mean(np.diff(np.sort(again.stamp[again.kind == k]))) for k in rates}
     assert found == pytest.approx(rates, rel=0.01)
 
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
-from aircraft_sysid_ros.identification.coefficients.pace import sparse_interval
+from aircraft_sysid_ros.identification.coefficients.pace import interval_of, sparse_interval
 from aircraft_sysid_ros.samples import Kind, Samples
 
 #: So few samples of a kind tell no rate.
@@ -31,9 +31,8 @@ def with_recorded_rates(aircraft: Aircraft, samples: Samples) -> Aircraft:
     """The aircraft with the rates that the sensors of a recording have: the median of the times between samples."""
     sensors = dict(aircraft.sensors)
     for kind, names in _SENSORS.items():
-        stamps = np.sort(samples.stamp[samples.kind == kind])
-        if len(stamps) > _TOO_FEW:
-            rate = float(1e9 / np.median(np.diff(stamps)))
+        if np.sum(samples.kind == kind) > _TOO_FEW and (interval := interval_of(samples, kind)) > 0.0:
+            rate = 1.0 / interval
             for name in names:
                 sensors[name] = replace(sensors[name], rate=rate)
     return replace(aircraft, sensors=sensors)

@@ -92,8 +92,9 @@ class FlightConditions:
         for together in _IN_ONE_MESSAGE:
             fastest = message.sensors[next(iter(together.values()))].rate
             for kind, name in together.items():
-                at = np.flatnonzero(samples.kind == kind)
-                keep[at] = np.arange(len(at)) % max(round(fastest / self.sensing.sensors[name].rate), 1) == 0
+                at, share = np.flatnonzero(samples.kind == kind), self.sensing.sensors[name].rate / fastest
+                number = np.floor(min(share, 1.0) * np.arange(len(at)) + 1e-6)  # of the sample that is the newest then
+                keep[at] = np.diff(number, prepend=-1.0) > 0.0
         return samples[keep]
 
     def _in_manoeuvres(self, samples: Samples) -> Samples:
