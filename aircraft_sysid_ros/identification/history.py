@@ -132,6 +132,7 @@ class ParameterCheckpoint:
     changed: Array  # (2, 6) when each axis changed last: [s] as in CoefficientSample.TIME, [s] of flight
     ranges: Array  # (3, 2) learnt between these V, alpha, beta
     carried: ParameterSet | None = None  # ``found`` as another model has it, which came since
+    moved: float = 0.0  # [s] by which its clock shows more than the first one of the flight, see ``Learning``
 
     @cached_property
     def found(self) -> ParameterSet:

@@ -76,6 +76,7 @@ class Learning:
         self.estimator: Estimator = make_estimator(aircraft, options, self.least_squares)
         self.choice = EstimatorChoice(aircraft, options, pace) if options.estimator == "auto" else None
         self._considered = np.nan  # [s]
+        self._moved = 0.0  # [s] by which clocks that started over show more than the first one
         self.constants = DoubtfulConstants()
         self.undescribed = UndescribedSensors(aircraft)
         self.imu_is_late = False  # as who looks at the sensors says
@@ -194,6 +195,7 @@ class Learning:
 
     def move_times(self, by: float) -> None:
         """The clock that has started over shows ``by`` [s] more: what was learnt is as old as it was."""
+        self._moved += by
         self.least_squares.move_times(by)
         if self.choice is not None:
             self.choice.move_times(by)
@@ -343,6 +345,8 @@ class Learning:
     def _restore(self, restores: list[Restore]) -> None:
         for axis, good in restores:
             self.least_squares.restore(good.least_squares, axis)
+            part = self.aircraft.model.axis_slice(AXES[axis])
+            self.least_squares.state.last_learnt[part] += self._moved - good.moved
             self.changes.undo(axis, good.changed[:, axis])
             self.conditions.ranges[:] = good.ranges
         if restores and not self.lends and self.choice is not None:
@@ -353,6 +357,9 @@ class Learning:
                 self._publish(None)
                 return
             self.estimator.restore(oldest.estimator, *(axis for axis, _ in restores))
+            if oldest.moved != self._moved:  # it is from before the clock started over
+                self.estimator.restart_clock()
+                self.estimator.move_times(self._moved - oldest.moved)
             self.known.begin(self.estimator.known())
 
     def take(self, learnt: Mapping[str, Array], sensors: Mapping[str, Array], lacked: Mapping[str, str]) -> None:
@@ -380,7 +387,8 @@ class Learning:
         own = self.estimator.checkpoint() if self.lends else None
         changed = np.array([self.changes.since, self.changes.times])
         described = self._describe(state, self.time(used_until), [None] * len(AXES))
-        return ParameterCheckpoint(time, described, state, own, changed, self.conditions.ranges.copy())
+        ranges = self.conditions.ranges.copy()
+        return ParameterCheckpoint(time, described, state, own, changed, ranges, moved=self._moved)
 
     # -- what was learnt ----------------------------------------------------------------------------------------------
 

@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 from aircraft_sysid_ros.identification.coefficients.layout import CoefficientSample
+from aircraft_sysid_ros.identification.estimators.likelihood_state import BEGUN
 from aircraft_sysid_ros.identification.identifier import Identifier
+from aircraft_sysid_ros.identification.monitoring.hold import Restore
 from aircraft_sysid_ros.identification.options import ParameterOptions
 from aircraft_sysid_ros.pipeline import Pipeline
 from aircraft_sysid_ros.reconstruction.ordering import flown_twice
@@ -102,6 +104,32 @@ def test_the_age_of_what_was_learnt_goes_on_where_the_clock_goes_back(flight, es
     age = np.array([p.age for p in pipeline.parameters.snapshot().parameters])
     assert np.all((age > -1.0) & (age < DURATION))
     assert np.max(age) > DURATION - LEAP - 2.0 or estimator == "rml"  # which learns on from less
+
+
+@pytest.mark.parametrize("estimator", ["rls", "fourier", "rml"])
+def test_what_goes_back_to_before_the_clock_did_is_by_the_new_one(flight, estimator) -> None:
+    """An axis was held when the clock went back: its age was minus an hour, and rml waited for the old time."""
+    aircraft, samples = flight[0], leapt(flight[1], 3600.0)
+    pipeline = Pipeline(aircraft, parameter_options=ParameterOptions(estimator=estimator))
+    later = np.flatnonzero(samples.stamp < samples.stamp[0])
+    pipeline.push(samples[: later[0]])
+    learning = pipeline.parameters.learning
+    good, middle = learning._checkpoint(LEAP, LEAP), int(np.median(later))
+    pipeline.push(samples[later[0] : middle])
+    learning._restore([Restore(axis, good) for axis in range(6)])
+    before, old = learning.estimator.estimate(2).samples, ages(pipeline)
+    assert np.all((old > -1.0) & (old < DURATION) | np.isnan(old))
+    pipeline.push(samples[middle:])
+    pipeline.flush()
+    if estimator == "rml":  # which knows nothing yet
+        assert learning.estimator.recursion.clock[BEGUN] > 5.0
+    else:
+        assert learning.estimator.estimate(2).samples > before
+    assert np.all((ages(pipeline) > -1.0) & (ages(pipeline) < DURATION)) and np.min(ages(pipeline)) < 2.0
+
+
+def ages(pipeline):
+    return np.array([p.age for p in pipeline.parameters.estimates().parameters])
 
 
 @pytest.mark.long
