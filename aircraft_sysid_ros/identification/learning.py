@@ -357,9 +357,7 @@ class Learning:
                 self._publish(None)
                 return
             self.estimator.restore(oldest.estimator, *(axis for axis, _ in restores))
-            if oldest.moved != self._moved:  # it is from before the clock started over
-                self.estimator.restart_clock()
-                self.estimator.move_times(self._moved - oldest.moved)
+            self.estimator.move_times(self._moved - oldest.moved)
             self.known.begin(self.estimator.known())
 
     def take(self, learnt: Mapping[str, Array], sensors: Mapping[str, Array], lacked: Mapping[str, str]) -> None:

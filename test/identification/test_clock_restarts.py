@@ -108,7 +108,7 @@ def test_the_age_of_what_was_learnt_goes_on_where_the_clock_goes_back(flight, es
 
 @pytest.mark.parametrize("estimator", ["rls", "fourier", "rml"])
 def test_what_goes_back_to_before_the_clock_did_is_by_the_new_one(flight, estimator) -> None:
-    """An axis was held when the clock went back: its age was minus an hour, and rml waited for the old time."""
+    """An axis was held when the clock went back: its age was minus an hour."""
     aircraft, samples = flight[0], leapt(flight[1], 3600.0)
     pipeline = Pipeline(aircraft, parameter_options=ParameterOptions(estimator=estimator))
     later = np.flatnonzero(samples.stamp < samples.stamp[0])
