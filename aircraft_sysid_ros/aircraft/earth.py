@@ -70,8 +70,8 @@ class Odometer:
 
 
 def ned_along(places: Array, origin: npt.ArrayLike) -> Array:
-    """Positions NED (n, 3) [m] of places (n, 3) along a way that begins at ``origin``; NaN where it is none."""
-    return _along(np.ascontiguousarray(places, dtype=np.float64), np.array(origin, dtype=np.float64))
+    """Positions NED (n, 3) [m] of places (n, 3 or more) along a way that begins at ``origin``; NaN where it is none."""
+    return _along(np.ascontiguousarray(places[:, :3], dtype=np.float64), np.array(origin, dtype=np.float64))
 
 
 @njit(cache=True)
