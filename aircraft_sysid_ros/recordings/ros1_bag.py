@@ -13,7 +13,7 @@ from aircraft_sysid_ros.recordings.raw_messages import RawMessages
 
 ENDING = ".bag"
 #: Types of messages that nothing here reads, and that make up most of a bag with cameras.
-_LARGE = (
+LARGE = (
     "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage", "sensor_msgs/msg/PointCloud2",
     "sensor_msgs/msg/PointCloud", "sensor_msgs/msg/LaserScan", "sensor_msgs/msg/CameraInfo",
     "theora_image_transport/msg/Packet",
@@ -29,7 +29,7 @@ def read_ros1(path: Path) -> RawMessages:
         said = io.StringIO()
         try:
             with contextlib.redirect_stdout(said):
-                convert([path], target, "mcap", 9, None, "file", None, None, [], [], list(_LARGE), [])
+                convert([path], target, "mcap", 9, None, "file", None, None, [], [], list(LARGE), [])
         except (ConverterError, AssertionError) as error:
             why = echo(str(error).partition(": ")[2].replace(str(path), path.name).rstrip("."))
             raise InputError(f"{path} is not a readable bag of ROS 1 ({why}): try `rosbag reindex` on it") from None

@@ -10,6 +10,9 @@ from aircraft_sysid_ros.after_flight.log_import import guess_columns, import_log
 from aircraft_sysid_ros.aircraft.frames import quaternion_from_euler
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.recordings.reader import read_recording
+from aircraft_sysid_ros.recordings.storage import read_raw
+from aircraft_sysid_ros.recordings.tabular import bag_tables
+from aircraft_sysid_ros.recordings.tabular.source import open_source
 from aircraft_sysid_ros.samples import Kind
 
 START = 1_700_000_000_000_000_000
@@ -123,6 +126,100 @@ def test_topics_of_cameras_and_of_what_is_asked_for_are_not_the_flight(flown, ba
     assert {"its topic is called as what is asked for", "its topic is called as that of another body"} <= {
         line["evidence"].split(";")[0] for line in lines
     }
+
+
+def _times(log, topic):
+    """Table of a topic, and its stamps and numbers."""
+    (table,) = open_source(log).tables(topic)
+    (content,) = table.read(list(table.columns), 1_000_000)
+    return table, content.pop(table.time), content
+
+
+def _speeds(tmp_path, stamps, more=()):
+    """A bag of messages (log time, stamp [ns]) with a header on /probe, whose angles count them."""
+    messages = [
+        (log, "/probe", "lab_msgs/msg/Probe", {**_stamped(stamp), "alpha_deg": float(i)})
+        for i, (log, stamp) in enumerate(stamps)
+    ]
+    return write_bag(tmp_path / "flight", {"lab_msgs/msg/Probe": PROBE}, [*messages, *more])
+
+
+def test_stamps_that_count_from_the_start_of_a_sensor_stand_beside_those_of_the_recorder(tmp_path):
+    """Their rows were of 1970 and all others of today: nothing was compared, and the import refused."""
+    delay = np.random.default_rng(0).integers(2_000_000, 20_000_000, 200)
+    own = 7 * 10**9 + 10_000_000 * np.arange(200)
+    log = START + 10_000_000 * np.arange(200) + delay
+    number = [(int(time), "/pitot/airspeed_mps", "std_msgs/msg/Float32", {"data": 20.0}) for time in log]
+    bag = _speeds(tmp_path, zip(log.tolist(), own.tolist(), strict=True), number)
+    table, times, _ = _times(bag, "probe")
+    np.testing.assert_array_equal(times, own + (log - own).min())
+    assert "count from another time" in table.said[0]
+    assert _times(bag, "pitot/airspeed_mps")[0].said == []
+
+    alone = write_bag(tmp_path / "alone", {"lab_msgs/msg/Probe": PROBE}, [
+        (int(log[i]), "/probe", "lab_msgs/msg/Probe", _stamped(int(own[i]))) for i in range(200)
+    ])  # fmt: skip
+    np.testing.assert_array_equal(_times(alone, "probe")[1], own)
+
+
+def test_messages_without_a_stamp_among_others_are_left_out_and_late_ones_stand_where_they_belong(tmp_path):
+    """One of them sent a topic to 1970, and a topic of which one message is late was left out as a whole."""
+    log = [START + 10_000_000 * i for i in range(100)]
+    stamps = log.copy()
+    stamps[0] = stamps[1] = 0
+    stamps[40] -= 55_000_000
+    table, times, content = _times(_speeds(tmp_path, zip(log, stamps, strict=True)), "probe")
+    np.testing.assert_array_equal(times, sorted(stamps[2:]))
+    assert content["alpha_deg"][32:36].tolist() == [34.0, 40.0, 35.0, 36.0]
+    assert table.said == [
+        "2 messages have no stamp, as others do, and are left out",
+        "1 messages came late, and stand where their stamps say",
+    ]
+
+
+def test_a_clock_that_was_set_back_is_no_late_message(tmp_path):
+    log = [START + 10_000_000 * i for i in range(100)]
+    stamps = [time - 400_000_000 * (i > 50) for i, time in enumerate(log)]
+    table, times, _ = _times(_speeds(tmp_path, zip(log, stamps, strict=True)), "probe")
+    assert times.tolist() == stamps and table.said == []
+
+
+def test_what_is_damaged_in_a_bag_or_defined_nowhere_is_said(bag, tmp_path):
+    """Nobody was told: a bag that broke off was imported by its map as a whole one."""
+    whole = next(bag.glob("*.mcap")).read_bytes()
+    (tmp_path / "half.mcap").write_bytes(whole[: len(whole) // 2])
+    report = guess_columns(tmp_path / "half.mcap", tmp_path / "map.yaml")
+    expected = [note for note in read_raw(tmp_path / "half.mcap").notes if "breaks off" in note]
+    assert expected and set(expected) <= set(report["notes"])
+    assert set(expected) <= set(
+        import_log(tmp_path / "half.mcap", tmp_path / "out", columns=tmp_path / "map.yaml")["notes"]
+    )
+
+
+def test_a_bag_is_read_once(bag, tmp_path, monkeypatch):
+    """It was read again for every topic of the map: of ROS 1 that is a conversion of the whole each time."""
+    guess_columns(bag, tmp_path / "map.yaml")
+    read = []
+    monkeypatch.setattr(bag_tables, "read_raw", lambda path: read.append(path) or read_raw(path))
+    import_log(bag, tmp_path / "out", columns=tmp_path / "map.yaml")
+    assert len(read) == 1
+
+
+def test_a_time_that_a_message_has_of_its_own_is_not_that_of_its_table(tmp_path):
+    own = "std_msgs/Header header\nfloat64 time\nfloat64 stamp\nfloat64 pitch\n"
+    messages = [
+        (
+            START + i * 10**7,
+            "/state",
+            "lab_msgs/msg/Own",
+            {**_stamped(START + i * 10**7), "time": 0.01 * i, "stamp": 3.0},
+        )
+        for i in range(100)
+    ]
+    bag = write_bag(tmp_path / "flight", {"lab_msgs/msg/Own": own}, messages)
+    report = guess_columns(bag, tmp_path / "map.yaml")
+    assert report["tables"][0]["time"]["column"] == "stamp"
+    assert _times(bag, "state")[1].tolist() == [message[0] for message in messages]
 
 
 def test_a_bag_of_ros_1_of_mavros_needs_no_map(flown, tmp_path):

@@ -6,10 +6,11 @@ import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
+from functools import cached_property
 from pathlib import Path
 
 from aircraft_sysid_ros.errors import InputError
-from aircraft_sysid_ros.recordings.tabular.bag_tables import bag_tables, is_bag
+from aircraft_sysid_ros.recordings.tabular.bag_tables import BagTable, bag_tables, is_bag
 from aircraft_sysid_ros.recordings.tabular.binary_files import excel_tables, hdf5_tables, mat_tables, parquet_tables
 from aircraft_sysid_ros.recordings.tabular.signals import near
 from aircraft_sysid_ros.recordings.tabular.table import Table
@@ -38,11 +39,25 @@ class Source:
         """Whether tables are named by files."""
         return self.files != (self.path,)
 
+    @cached_property
+    def _bag(self) -> tuple[str, list[Table]]:
+        """Its only reading: a bag is decoded as a whole."""
+        return bag_tables(self.path, self.path.name)
+
+    def _opened(self) -> tuple[str, list[Table]]:
+        return self._bag if is_bag(self.path) else open_file(self.path)
+
+    @property
+    def notes(self) -> list[str]:
+        """What is wrong with a bag as a whole."""
+        tables = self._bag[1] if not self.is_folder and is_bag(self.path) else []
+        return [note for table in tables[:1] if isinstance(table, BagTable) for note in table.of_bag]
+
     def formats(self) -> str:
         """What it is, for a report."""
         if self.is_folder:
             return f"folder of {len(self.files)} files"
-        return open_file(self.path)[0]
+        return self._opened()[0]
 
     def tables(self, pattern: str | None) -> list[Table]:
         """The tables that ``file`` of a MAP names; raises InputError where there are none, or too many to choose."""
@@ -56,7 +71,7 @@ class Source:
 
     def _all(self, pattern: str | None) -> list[Table]:
         if not self.is_folder:
-            tables = open_file(self.path)[1]
+            tables = self._opened()[1]
             if pattern is None or pattern == self.path.name:
                 return tables
             outer, _, inner = pattern.partition("/")

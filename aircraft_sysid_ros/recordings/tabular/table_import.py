@@ -50,7 +50,7 @@ def import_tables(path: Path, colmap: ColumnMap, out: str | Path, *, overwrite: 
                 f"nothing in {path} can be carried over: {'; '.join(f'{k}: {v}' for k, v in plan.missing.items())}"
             )
         segments = _add_segments(writer, collected.manoeuvres, counts)
-    notes = [*start_note(colmap), *collected.notes, *plan.notes, *segments]
+    notes = [*source.notes, *start_note(colmap), *collected.notes, *plan.notes, *segments]
     if collected.unmapped > 0:
         notes.append(f"{collected.unmapped} columns of these tables are not mapped")
     return {

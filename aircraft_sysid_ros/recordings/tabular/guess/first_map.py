@@ -100,7 +100,7 @@ def guess_map(path: Path, mapping: ServoMapping | None = None) -> FirstMap:
             looked_at[file] = content, guess_time(table, content)
         return looked_at[file]
 
-    parts, columns = [], []
+    parts, columns, is_topic = [], [], is_bag(path)
     for file, table in joined_manoeuvres(tables, lambda pattern, table: look(pattern, table)[1] is not None):
         content, time = look(file, table)
         if time is None:
@@ -111,7 +111,7 @@ def guess_map(path: Path, mapping: ServoMapping | None = None) -> FirstMap:
         taken = {column.name for column in named} | of_several | ({time.column} if time is not None else set())
         part.unmapped = [name for name in table.columns if name and name not in taken]
         for column in named:
-            _weigh_table(column, is_bag(path))
+            _weigh_table(column, is_topic)
         columns += [(part, column) for column in named]
     _count_as_import(parts, columns)
     best = _best_by_signal(columns)
@@ -213,7 +213,8 @@ def _tables(source: Source) -> tuple[list[tuple[str | None, Table]], list[str]]:
     """Tables with the name that ``file`` of a MAP gives them; what cannot be read is a note."""
     if not source.is_folder:
         tables = source.tables("*")
-        return [(None if len(tables) == 1 else table.name, table) for table in tables], []
+        notes = [*source.notes, *(f"{table.name}: {text}" for table in tables for text in table.said)]
+        return [(None if len(tables) == 1 else table.name, table) for table in tables], notes
     found: list[tuple[str | None, Table]] = []
     notes = []
     for file in source.files:

@@ -54,7 +54,7 @@ def guess_time(table: Table, columns: dict[str, npt.NDArray[Any]]) -> TimeGuess 
     }
     found = [
         candidate
-        for name in sorted(named, key=lambda name: named[name].distance)
+        for name in sorted(named, key=lambda name: (name != table.time, named[name].distance))
         if (candidate := _candidate(name, named[name].unit, table, columns)) is not None
     ]
     if not found and columns:
