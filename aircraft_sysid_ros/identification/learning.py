@@ -30,6 +30,7 @@ from aircraft_sysid_ros.identification.history import Carry, ParameterCheckpoint
 from aircraft_sysid_ros.identification.landing import Known, Landing
 from aircraft_sysid_ros.identification.missing import Missing
 from aircraft_sysid_ros.identification.monitoring.covariance_reset import KNOWN, ChangeDetector
+from aircraft_sysid_ros.identification.monitoring.doubts import when_saved
 from aircraft_sysid_ros.identification.monitoring.hold import Restore
 from aircraft_sysid_ros.identification.monitoring.integrity import IntegrityMonitor
 from aircraft_sysid_ros.identification.monitoring.undefined_terms import UndefinedTerms
@@ -369,7 +370,7 @@ class Learning:
         self.undescribed.go_on(sensors)
         if not self.lends:
             self.integrity.know(self._checkpoint(np.nan, np.nan))
-        self.integrity.doubts.remember(lacked)
+        self.integrity.doubts.remember(when_saved(lacked))
 
     def believed(self) -> RlsState:
         """What least squares know, of an axis that is held what they knew before."""

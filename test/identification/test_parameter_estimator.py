@@ -12,7 +12,9 @@ from aircraft_sysid_ros.aircraft.signals import SIGNAL_INDEX
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.identification.coefficients.body import body_of, body_with
 from aircraft_sysid_ros.identification.coefficients.layout import CoefficientSample
+from aircraft_sysid_ros.identification.flight_memory import SampleMemory
 from aircraft_sysid_ros.identification.identifier import Identifier
+from aircraft_sysid_ros.identification.model_change import change_model, with_terms
 from aircraft_sysid_ros.identification.model_file import load_model, parameters_json, save_model
 from aircraft_sysid_ros.identification.options import ParameterOptions
 from aircraft_sysid_ros.identification.trust import Trust
@@ -345,6 +347,22 @@ def test_a_saved_model_keeps_that_it_does_not_explain_an_axis(flight, tmp_path) 
     estimator.push_samples(controls, EPOCH)
     estimator.push_states(rows)
     assert {"Cm_de", "Cm_q"} <= used_of(estimator)
+
+
+def test_an_axis_that_is_not_explained_is_not_so_either_once_another_has_one_more_term(flight) -> None:
+    """add_effect let go what was in doubt of all axes, until ten seconds of motion had shown it anew."""
+    rows, controls = perfect_inputs(flight)
+    memory = SampleMemory()
+    estimator, points = learn(flight.aircraft, rows[:6000], controls)
+    memory.add(points, np.zeros(3), 1.0)
+    words = {axis: f"the model explains 30% of {axis}" for axis in ("CZ", "Cl", "Cm")}
+    estimator.learning.integrity.doubts.remember(words | {"CX": "contains the lift that CZ has: " + words["CZ"]})
+    assert {"CZ_alpha", "Cl_p", "Cm_de", "Cn_p"} <= used_of(estimator, status=Trust.HOLD)
+    change_model(estimator, with_terms(flight.aircraft, {"CZ": ("alpha**3",)}, {}), memory.newest())
+    found = {p.name: p for p in estimator.snapshot().parameters}
+    assert found["Cm_de"].status is Trust.HOLD and found["Cm_de"].reason == words["Cm"]
+    assert found["Cn_p"].status is Trust.HOLD and words["Cl"] in found["Cn_p"].reason
+    assert "the model explains" not in found["CZ_alpha"].reason + found["CX_alpha"].reason
 
 
 def used_of(estimator: Identifier, status: Trust = Trust.USE) -> set[str]:

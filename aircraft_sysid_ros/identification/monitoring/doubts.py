@@ -31,12 +31,18 @@ from aircraft_sysid_ros.identification.trust import Trust, is_unphysical, lack_o
 
 #: How the words for C_X begin where it is in doubt for the lift.
 OF_LIFT = "contains the lift that CZ has: "
-#: Blocks of motion (1 s each) after which a flight judges by itself what was in doubt when a model was saved.
+#: Blocks of motion (1 s each) after which a flight judges by itself what was in doubt when a model was saved, or when
+#: other axes got other terms.
 _JUDGED = 40
 _WHEN_SAVED = "when it was saved: "
 #: How those begin for what p and aileron do beside C_l.
 _OF_ROLL = "rests on the roll: "
 _ROLL, _BESIDE_ROLL, _ROLLED = AXES.index("Cl"), ("CY", "Cn"), ("p", "da")
+
+
+def when_saved(lacked: Mapping[str, str]) -> dict[str, str]:
+    """What was said of axes when a model was saved, as it is said where it is loaded."""
+    return {name: _WHEN_SAVED + words.removeprefix(_WHEN_SAVED) for name, words in lacked.items()}
 
 
 class Doubts:
@@ -46,16 +52,12 @@ class Doubts:
         """``forgetting`` per evaluation."""
         self._model, self._monitor = model, monitor
         self.agreement, self._ranges = SplitHalfAgreement(model, forgetting), RangeAgreement(model)
-        self._remembered: dict[int, str] = {}  # axes that a saved model did not explain
+        self._remembered: dict[int, str] = {}  # axes that were not explained before
         self.restart()
 
     def remember(self, lacked: Mapping[str, str]) -> None:
-        """What was said of axes, by their names, when the model that flies was saved: so it is until this flight has
-        shown whether it explains them.
-        """
-        self._remembered = {
-            AXES.index(name): _WHEN_SAVED + words.removeprefix(_WHEN_SAVED) for name, words in lacked.items()
-        }
+        """What was said before of axes, by their names: so it is until motion has shown whether they are explained."""
+        self._remembered = {AXES.index(name): words for name, words in lacked.items()}
         self.restart()
         self._doubt_beside_roll()
 
@@ -129,6 +131,15 @@ class Doubts:
         if of_lift:
             found[drag] = f"{OF_LIFT}{of_lift}"
         return found
+
+    def of_other_terms(self, model: AerodynamicModel) -> dict[str, str]:
+        """``lack_of_fit`` of the axes that have the same terms in another model, C_X of the lift where C_Z has."""
+        same = {name for name in AXES if model.terms[name] == self._model.terms[name]}
+        return {
+            name: words
+            for name, words in self.lack_of_fit.items()
+            if name in same and ("CZ" in same or not words.startswith(OF_LIFT))
+        }
 
     @property
     def lack_of_fit(self) -> dict[str, str]:

@@ -96,13 +96,16 @@ class IntegrityMonitor:
         self.restart()
 
     def change_model(self, aircraft: Aircraft, carry: Carry | None) -> None:
-        """Go on with another model: what was known before is ``carry`` of it, and what is wrong with sensors still is.
+        """Go on with another model: what was known before is ``carry`` of it, what is wrong with sensors still is, and
+        axes whose terms stay are explained as little as they were.
 
         Without ``carry`` nothing was known before.
         """
         sensors, signs, count, before = self.sensors, self._signs, self.count, self.checkpoints
         of_sensors = [hold if hold is not None and hold.sensor else None for hold in self.holds]
+        lacked = self.doubts.of_other_terms(aircraft.model)
         self.adopt(aircraft)
+        self.doubts.remember(lacked)
         self.sensors, self._signs, self.count = sensors, signs, count
         if carry is not None:
             self.checkpoints.go_on(before, carry)
