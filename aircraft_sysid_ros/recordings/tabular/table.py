@@ -47,7 +47,7 @@ class Table(ABC):
     columns: tuple[str, ...]
     units: Mapping[str, str] = field(default_factory=dict)
     note: str = ""  # where its names come from, if they are not its own
-    time: str = ""  # the column that its format has for its time, if it has one
+    time: str = field(default="", kw_only=True)  # the column that its format has for its time, if it has one
 
     @property
     def said(self) -> list[str]:
