@@ -9,6 +9,7 @@ from aircraft_sysid_ros.aircraft.atmosphere import STANDARD_GRAVITY as G
 from aircraft_sysid_ros.recordings.tabular.guess.first_map import guess_map
 from aircraft_sysid_ros.recordings.tabular.guess.names import guess_ground_track, guess_name
 from aircraft_sysid_ros.recordings.tabular.signals import UNITS
+from aircraft_sysid_ros.recordings.tabular.source import open_source
 from aircraft_sysid_ros.recordings.tabular.units import conversion
 
 DEGREES, FOOT, KNOT = 180.0 / np.pi, 0.3048, 1852.0 / 3600.0
@@ -259,3 +260,23 @@ def test_what_simulink_logs_as_a_structure_with_time_has_its_time(tmp_path, flow
     }
     assert parts["lever"] == {"throttle": "throttle"}
     assert parts["logs"]["true_airspeed"] == "TAS_mps" and parts["logs"]["specific_force.z"] == "acc[2]"
+
+
+def test_signals_of_simulink_of_one_label_are_all_there_and_a_structure_with_such_fields_is_read_as_one(tmp_path):
+    """The second of two was lost, one called time was the time, and of any other structure all but its time was."""
+    time = 0.02 * np.arange(200)
+    kinds = [("values", "O"), ("dimensions", "O"), ("label", "O")]
+    several = np.array([(np.sin(k * time)[:, None], 1.0, label) for k, label in enumerate(("p", "p", "time"))], kinds)
+    savemat(tmp_path / "log.mat", {
+        "logs": {"time": time, "signals": several, "blockName": "flight/Scope"},
+        "untimed": {"time": np.array([]), "signals": several, "blockName": "flight/Scope1"},
+        "flight": {"time": time, "signals": {"q": np.cos(time)}, "alpha": np.sin(time)},
+        "matrix": {"time": time, "signals": np.stack([time, time], axis=1)},
+    })  # fmt: skip
+    tables = {table.name: table.columns for table in open_source(tmp_path / "log.mat").tables("*")}
+    assert tables["logs"] == ("time", "p", "p of signal 2", "time of signal 3")
+    assert tables["untimed"] == ("p", "p of signal 2", "time")
+    assert tables["flight"] == ("time", "alpha") and tables["flight/signals"] == ("q",)
+    assert tables["matrix"] == ("time", "signals[0]", "signals[1]")
+    parts = {part.file: part for part in guess_map(tmp_path / "log.mat").parts}
+    assert parts["logs"].time.column == parts["flight"].time.column == "time"

@@ -187,7 +187,7 @@ def _add_structure(tables: list[Table], content: Mapping[str, Any], title: str, 
             found = _components(key, channel[0])
             columns.update(found)
             units.update(dict.fromkeys(found, channel[1]))
-        elif {"time", "signals"} <= set(getattr(value, "_fieldnames", ())):
+        elif _is_of_simulink(value):
             tables.append(_of_simulink(inner, value))
         elif hasattr(value, "_fieldnames"):
             _add_structure(tables, {field: getattr(value, field) for field in value._fieldnames}, inner, name)
@@ -253,15 +253,24 @@ def _labels(content: Mapping[str, Any], key: str, value: npt.NDArray[Any]) -> li
     return []
 
 
+def _is_of_simulink(value: Any) -> bool:
+    """Whether a block of Simulink logged it as a structure with time, and no other structure has such fields."""
+    signals = getattr(value, "signals", None)
+    return hasattr(value, "time") and all(hasattr(signal, "values") for signal in np.atleast_1d(signals))
+
+
 def _of_simulink(title: str, logged: Any) -> ArrayTable:
-    """What a block of Simulink logs as a structure with time: the columns of each signal, called by its label."""
-    columns: dict[str, Any] = {"time": np.asarray(logged.time, dtype=np.float64).ravel()}
+    """What it logged: the columns of each signal, called by its label where no other one has that."""
+    time = np.asarray(logged.time, dtype=np.float64).ravel()
+    columns: dict[str, Any] = {"time": time} if len(time) else {}
     for number, signal in enumerate(np.atleast_1d(logged.signals), 1):
         said = getattr(signal, "label", "")
         label = said.strip() if isinstance(said, str) and said.strip() else f"signal {number}"
-        values = getattr(signal, "values", None)
-        if isinstance(values, np.ndarray) and values.dtype.kind in "fiub":
-            columns |= _components(label, values)
+        if isinstance(signal.values, np.ndarray) and signal.values.dtype.kind in "fiub":
+            found = _components(label, signal.values)
+            columns |= (
+                found if columns.keys().isdisjoint(found) else _components(f"{label} of signal {number}", signal.values)
+            )
     return ArrayTable(title, tuple(columns), {"time": "s"}, arrays=tuple(columns.values()))
 
 
