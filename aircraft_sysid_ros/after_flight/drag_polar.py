@@ -13,7 +13,7 @@ turn, since gusts up and down last longer than a window.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
@@ -22,12 +22,12 @@ import numpy.typing as npt
 from scipy.ndimage import gaussian_filter1d
 from scipy.special import stdtrit
 
-from aircraft_sysid_ros.after_flight.recorded_mass import recorded_mass
 from aircraft_sysid_ros.aircraft.atmosphere import STANDARD_GRAVITY, air_density, density_at
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
 from aircraft_sysid_ros.diagnosis.model_versions.versions import folder_to_write, open_run
 from aircraft_sysid_ros.errors import InputError, echo
 from aircraft_sysid_ros.flight_model.modes import THRUST as THRUST_COLUMN
+from aircraft_sysid_ros.identification.coefficients.as_loaded import as_loaded
 from aircraft_sysid_ros.identification.coefficients.signals import INPUT_HELD, interpolate
 from aircraft_sysid_ros.reconstruction.absences import has_airspeed
 from aircraft_sysid_ros.reconstruction.drift import Drift
@@ -127,9 +127,7 @@ def drag_polar(
     run = open_run(path)
     if run.samples is None:
         raise InputError(f"{path} holds no samples: replay the recording again")
-    aircraft = run.current.aircraft
-    if (mass := recorded_mass(run.samples)) is not None:  # as the coefficients of the run have it
-        aircraft = replace(aircraft, mass=mass)
+    aircraft = as_loaded(run.current.aircraft, run.samples)  # as the coefficients of the run have it
     if not has_airspeed(run.samples):
         raise InputError("a drag polar needs airspeed, which was not measured")
     if not _has_height(run.samples):

@@ -8,12 +8,12 @@ import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.after_flight.delay_notes import delay_notes
-from aircraft_sysid_ros.after_flight.recorded_mass import recorded_mass
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
 from aircraft_sysid_ros.aircraft.unsaid_places import unsaid_keys
 from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS
 from aircraft_sysid_ros.flight_check.finding import ERROR, WARNING, Finding
 from aircraft_sysid_ros.flight_check.signals import NAMES
+from aircraft_sysid_ros.identification.coefficients.as_loaded import as_loaded
 from aircraft_sysid_ros.identification.coefficients.pace import (
     CHANGE,
     LOWEST_RATE,
@@ -328,12 +328,12 @@ def thrust_notes(samples: Samples, aircraft: Aircraft) -> list[str]:
 
 def mass_notes(samples: Samples, aircraft: Aircraft) -> list[str]:
     """That a recorded mass is another one than the file's: its inertia is of another loading, or a unit is wrong."""
-    mass = recorded_mass(samples)
-    if mass is None or abs(mass / aircraft.mass - 1.0) < _OTHER_MASS:
+    loaded = as_loaded(aircraft, samples)
+    if abs(loaded.mass / aircraft.mass - 1.0) < _OTHER_MASS:
         return []
-    both = f"{mass:.4g} kg, and the aircraft file says {aircraft.mass:.4g} kg"
+    both = f"{loaded.mass:.4g} kg, and the aircraft file says {aircraft.mass:.4g} kg"
     told = f"the recorded mass is {both}: forces are worked out with the recorded one"
-    if not np.isfinite(samples.values[samples.kind == Kind.MASS, 1:4]).any():
+    if np.array_equal(loaded.inertia, aircraft.inertia):
         told += ", and moments with the inertia of the file, which is for another loading: give the one for this"
     return [told]
 

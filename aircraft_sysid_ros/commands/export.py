@@ -23,8 +23,9 @@ from aircraft_sysid_ros.export.exported import loss_line
 from aircraft_sysid_ros.export.from_run import learnt_model
 from aircraft_sysid_ros.export.learnt_model import LearntModel, range_words
 from aircraft_sysid_ros.export.targets import TARGETS, Target, reached, version_of
+from aircraft_sysid_ros.identification.coefficients.as_loaded import recorded_mass_properties
+from aircraft_sysid_ros.identification.conditions import listed
 from aircraft_sysid_ros.identification.trust import Trust
-from aircraft_sysid_ros.samples import Kind
 from aircraft_sysid_ros.text_file import write_new, write_whole
 
 _FULL = "degrees of elevator, aileron and rudder at full command, such as 25,20,30"
@@ -32,8 +33,8 @@ _LARGEST_DEFLECTION = 90.0  # [deg]
 
 #: A surface goes no further than at full command, times this.
 _OVER = 1.25
-#: Mass and inertia that differ by less are the same.
-_SAME_MASS = 0.005
+#: Mass and inertia that differ by less than this share are the same, and so are places within so many metres.
+_SAME_MASS, _SAME_PLACE = 0.005, 0.001
 
 
 def add_parser(subparsers: Any) -> argparse.ArgumentParser:
@@ -138,20 +139,20 @@ def notes_on(opened: Run, learnt: LearntModel) -> list[str]:
 
 def _mass_notes(opened: Run, learnt: LearntModel) -> list[str]:
     """That a recording has had other mass properties than the aircraft file says."""
-    mine, filed = learnt.aircraft, opened.root
-    same = np.isclose(mine.mass, filed.mass, rtol=_SAME_MASS) and np.allclose(
-        mine.inertia, filed.inertia, rtol=_SAME_MASS
-    )
-    recorded = [] if opened.samples is None else opened.samples.values[opened.samples.kind == Kind.MASS, 0]
-    known = [mass for mass in recorded if np.isfinite(mass)]
-    changes = bool(known) and max(known) > (1.0 + _SAME_MASS) * min(known)
-    if same and not changes:
-        return []
-    middle = f", the middle of {min(known):.4g} to {max(known):.4g} kg" if changes else ""
-    return [
-        f"mass and inertia are those of the recording, {mine.mass:.4g} kg{middle}, and not those of the aircraft file, "
-        f"{filed.mass:.4g} kg"
-    ]
+    mine, filed, of_mass = learnt.aircraft, opened.root, ""
+    masses = np.array([]) if opened.samples is None else recorded_mass_properties(opened.samples)[:, 0]
+    known = masses[np.isfinite(masses)]
+    if len(known) and known.max() > (1.0 + _SAME_MASS) * known.min():
+        of_mass = f", the middle of {known.min():.4g} to {known.max():.4g} kg"
+    places = (mine.aerodynamic_reference, filed.aerodynamic_reference)
+    other = {
+        f"mass ({mine.mass:.4g} kg{of_mass}; the file says {filed.mass:.4g} kg)":
+            bool(of_mass) or not np.isclose(mine.mass, filed.mass, rtol=_SAME_MASS),
+        "inertia": not np.allclose(mine.inertia, filed.inertia, rtol=_SAME_MASS),
+        "centre of gravity": not np.allclose(*places, rtol=0.0, atol=_SAME_PLACE),
+    }  # fmt: skip
+    words = [what for what, differs in other.items() if differs]
+    return [f"as in the recording, and not as in the aircraft file: {listed(words)}"] if words else []
 
 
 def late_of(opened: Run, learnt: LearntModel) -> str:

@@ -153,7 +153,7 @@ def _shift(added: AddedTerms) -> str:
 
 
 def _mass(added: AddedTerms) -> str:
-    """a = m_file / m - 1: what is added to a coefficient, over that coefficient without it.
+    """a = m_stated / m - 1: what is added to a coefficient, over that coefficient without it.
 
     The term multiplies what one model says of all of the flight, which is neither the coefficient before nor after.
     """
@@ -167,7 +167,7 @@ def _mass(added: AddedTerms) -> str:
     mass = added.flight.aircraft.mass
     change = mass / (1.0 + share) - mass
     std = mass * abs(share * term.std / term.value) / (1.0 + share) ** 2
-    return f"it weighs {_with_std(abs(change), std)} kg {'less' if change < 0.0 else 'more'} than the file says"
+    return f"it weighs {_with_std(abs(change), std)} kg {'less' if change < 0.0 else 'more'} than is stated"
 
 
 def _part(added: AddedTerms, axis: str) -> Array:

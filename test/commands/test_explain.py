@@ -37,6 +37,7 @@ from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.flight_check.check import Checked
 from aircraft_sysid_ros.flight_check.finding import ABSENT, Finding
 from aircraft_sysid_ros.flight_check.identifiable import Identifiability
+from aircraft_sysid_ros.identification.coefficients.as_loaded import as_loaded
 from aircraft_sysid_ros.identification.conditions import TELL_FLOW, throttle_instead
 from aircraft_sysid_ros.reconstruction.state import contradiction_text
 from aircraft_sysid_ros.recordings.reader import read_recording
@@ -296,7 +297,9 @@ def test_a_recorded_mass_counts_and_not_that_of_the_file(learnt, aircraft):
     """Coefficients were those of the recorded mass, and what followed from them was that of the file's."""
     used, inertia = {name: ("USE", "") for name in aircraft.model.parameter_names}, aircraft.inertia
     recorded = [1.2 * aircraft.mass, *(1.5 * np.diag(inertia)), -1.5 * inertia[0, 2]]
-    own, heavy = (Learnt(learnt[1], used, samples=samples) for samples in (None, samples_of(Kind.MASS, 0, recorded)))
+    flight = learnt[1].flight
+    loaded = replace(flight, aircraft=as_loaded(flight.aircraft, samples_of(Kind.MASS, 0, recorded)))
+    own, heavy = (Learnt(replace(learnt[1], flight=each), used) for each in (flight, loaded))
     assert apparent_mass(heavy)[0] == pytest.approx(1.2 * apparent_mass(own)[0])
     power = [next(fact.value for fact in facts_of(each) if fact.key == "elevator") for each in (own, heavy)]
     assert power[0] == pytest.approx(1.5 * power[1])

@@ -33,7 +33,7 @@ def test_a_recorded_mass_that_is_not_the_file_s_is_told_with_the_inertia_that_st
     masses[:, 0] = 0.9 * aircraft.mass
     (note,) = mass_notes(samples_of(Kind.MASS, np.arange(50), masses), aircraft)
     assert f"{0.9 * aircraft.mass:.4g} kg" in note and "inertia of the file" in note
-    masses[:, 1:5] = 0.1
+    masses[:, 1:5] = 0.1, 0.1, 0.1, 0.0
     (note,) = mass_notes(samples_of(Kind.MASS, np.arange(50), masses), aircraft)
     assert "inertia" not in note
     masses[:, 0] = 1.01 * aircraft.mass

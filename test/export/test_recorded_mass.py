@@ -52,3 +52,16 @@ def test_without_mass_properties_nothing_is_said(exported_run):
     run = open_run(exported_run)
     learnt = learnt_model(run, run.current)
     assert learnt.aircraft.mass == run.root.mass and not any("mass" in note for note in notes_on(run, learnt))
+
+
+def test_an_absurd_mass_is_no_mass_and_a_centre_of_gravity_alone_is_said(exported_run):
+    """The mass was "the middle of 0 to 2.4 kg", and of a recorded centre of gravity nothing was said."""
+    filed = open_run(exported_run).root
+    unknown = [np.nan] * 4
+    for absurd in (0.0, -1.0, 1e9):
+        run = run_with(exported_run, [absurd, *unknown, 0.0, 0.0, 0.0], [filed.mass, *unknown, 0.0, 0.0, 0.0])
+        learnt = learnt_model(run, run.current)
+        assert learnt.aircraft.mass == filed.mass and not any("recording" in note for note in notes_on(run, learnt))
+    run = run_with(exported_run, [np.nan, *unknown, 0.03, 0.0, 0.0])
+    (note,) = (note for note in notes_on(run, learnt_model(run, run.current)) if "recording" in note)
+    assert note == "as in the recording, and not as in the aircraft file: centre of gravity"

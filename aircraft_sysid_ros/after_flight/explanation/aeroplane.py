@@ -48,8 +48,6 @@ from aircraft_sysid_ros.flight_model.modes import (
     modes_of,
     steady_flight,
 )
-from aircraft_sysid_ros.identification.coefficients.as_loaded import as_loaded
-from aircraft_sysid_ros.samples import Samples
 
 Array = npt.NDArray[np.float64]
 Verdicts = Mapping[str, tuple[str, str]]
@@ -169,16 +167,15 @@ class Learnt:
         verdicts: Verdicts,
         estimates: Mapping[str, tuple[float, float]] | None = None,
         lacking: Mapping[str, str] | None = None,
-        samples: Samples | None = None,
     ) -> None:
         """``verdicts``: status and reason by name, ``estimates``: value and standard error, as in parameters.json;
-        ``lacking``: what the model lacks, in words, by axis; ``samples`` may hold other mass properties than the file.
+        ``lacking``: what the model lacks, in words, by axis.
         """
         lacks = (lacking or {}).items()
         self.lacking = {axis: f"the model of {axis[0]}_{axis[1]} lacks {words}: add it" for axis, words in lacks}
         estimates = estimates or {}
         self.flight = comparison.flight
-        self.aircraft: Aircraft = as_loaded(comparison.flight.aircraft, samples)
+        self.aircraft: Aircraft = comparison.flight.aircraft
         self.model = self.aircraft.model
         names = self.model.parameter_names
         self.values = np.zeros(len(names))

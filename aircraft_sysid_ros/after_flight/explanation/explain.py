@@ -172,8 +172,7 @@ def _explained(
     tell("put it into words", 0.97)
     learnt = None
     if compared is not None:
-        known = _learnt_in_flight(place / RUN)
-        learnt = Learnt(compared.comparison, *known, _lacking(diagnosis), compared.run.samples)
+        learnt = Learnt(compared.comparison, *_learnt_in_flight(place / RUN), _lacking(diagnosis))
     instruments = _instruments(compared, diagnosis)
     facts = [] if learnt is None else facts_of(learnt, _stall_onset(diagnosis))
     modes = [] if learnt is None else known_modes(learnt)

@@ -24,6 +24,7 @@ from aircraft_sysid_ros.diagnosis.flight.wheels import off_wheels
 from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS
 from aircraft_sysid_ros.effects.effect import with_setting
 from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.identification.coefficients.as_loaded import as_loaded
 from aircraft_sysid_ros.identification.coefficients.layout import CoefficientSample
 from aircraft_sysid_ros.identification.coefficients.pace import interval_of, sparse_interval
 from aircraft_sysid_ros.identification.coefficients.stream import coefficient_samples
@@ -87,8 +88,9 @@ class Reconstruction:
 
     @property
     def data(self) -> FlightData:
-        """What the fits read."""
-        data = flight_data_of(with_sparse_rates(self.aircraft, self.samples), self.points)
+        """What the fits read; its aircraft has the recorded mass properties, as the points have."""
+        aircraft = as_loaded(with_sparse_rates(self.aircraft, self.samples), self.samples)
+        data = flight_data_of(aircraft, self.points)
         several = np.any(self.samples.kind == Kind.SEAM)
         number = self.manoeuvre_at(self.points[:, CoefficientSample.TIME]) if several else None
         of_runs, run = run_of_manoeuvres(self.samples), None

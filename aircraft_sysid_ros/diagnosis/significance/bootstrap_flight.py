@@ -25,6 +25,7 @@ from aircraft_sysid_ros.diagnosis.flight.motion_coefficients import coefficients
 from aircraft_sysid_ros.diagnosis.flight.reconstruction import AIR_DATA, Reconstruction
 from aircraft_sysid_ros.diagnosis.flight.sensor_rates import with_recorded_rates
 from aircraft_sysid_ros.estimation.window_average import window_averages
+from aircraft_sysid_ros.identification.coefficients.as_loaded import as_loaded
 from aircraft_sysid_ros.identification.coefficients.body import body_of
 from aircraft_sysid_ros.identification.coefficients.ground import altitudes, ground_of
 from aircraft_sysid_ros.identification.coefficients.signals import signals_of
@@ -123,7 +124,8 @@ def world_of(flight: Reconstruction, stretches: list[Array], parameters: Array, 
     stretches, each (n, StateField.WIDTH): its smoothed states in flight without a gap, of a manoeuvre each; parameters
     (p,) of its model. The seed draws the gusts that the reconstruction could not follow.
     """
-    aircraft, samples, epoch, gusts = flight.aircraft, flight.samples, flight.epoch, flight.gusts
+    samples, epoch, gusts = flight.samples, flight.epoch, flight.gusts
+    aircraft = as_loaded(flight.aircraft, samples)  # a replica has no message of mass properties
     stretches = [in_moving_air(stretch) for stretch in stretches]
     rows = np.vstack(stretches)
     motion_band = min(MOTION_BAND, KNOWN_SHARE / float(np.median(np.diff(rows[:, StateField.TIME]))))

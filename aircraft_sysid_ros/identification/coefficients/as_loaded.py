@@ -5,10 +5,20 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
 from aircraft_sysid_ros.identification.coefficients.body import body_of, body_with
 from aircraft_sysid_ros.samples import Kind, Samples, is_absurd
+
+Array = npt.NDArray[np.float64]
+
+
+def recorded_mass_properties(samples: Samples) -> Array:
+    """Messages (n, 8) of mass [kg], inertia xx, yy, zz and xz [kg m^2] and centre of gravity [m]; NaN: not known."""
+    known = np.where(is_absurd(samples), np.nan, samples.values)[samples.kind == Kind.MASS, :8]
+    known[~(known[:, 0] > 0.0), 0] = np.nan
+    return known
 
 
 def as_loaded(aircraft: Aircraft, samples: Samples | None) -> Aircraft:
@@ -17,8 +27,7 @@ def as_loaded(aircraft: Aircraft, samples: Samples | None) -> Aircraft:
     """
     if samples is None or not (samples.kind == Kind.MASS).any():
         return aircraft
-    sensible = np.where(is_absurd(samples), np.nan, samples.values)[samples.kind == Kind.MASS]
-    known = (column[np.isfinite(column)] for column in sensible.T)
+    known = (column[np.isfinite(column)] for column in recorded_mass_properties(samples).T)
     middle = np.array([np.median(column) if len(column) else np.nan for column in known])
     body = body_with(aircraft, body_of(aircraft), middle)
     return replace(
