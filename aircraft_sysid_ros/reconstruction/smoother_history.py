@@ -75,6 +75,7 @@ class Segment:
     rows: int
     x: Array
     p: Array
+    tilt_doubt: tuple[float, float] = (0.0, 0.0)  # see ``StateEstimator.tilt_doubt``
 
 
 class _Table:
@@ -129,8 +130,10 @@ class SmootherHistory:
         """The filter was aligned: what follows has nothing to do with what was before."""
         self._segments.append(Segment(setup, 0, 0, np.empty(0), np.empty((0, 0))))
 
-    def add(self, steps: Array, rows: Array, x: Array, p: Array) -> None:
+    def add(self, steps: Array, rows: Array, x: Array, p: Array, tilt_doubt: tuple[float, float] = (0.0, 0.0)) -> None:
         """Steps (m, STEP_WIDTH) and rows (n, StateField.WIDTH), and the filtered state x (19,), p (18, 18) after them.
+
+        ``tilt_doubt``: what the attitude of the recording leaves in doubt of roll and pitch by then [rad].
 
         Raises InputError when they cannot be written.
         """
@@ -145,7 +148,7 @@ class SmootherHistory:
             ) from None
         segment.steps += len(steps)
         segment.rows += len(rows)
-        segment.x, segment.p = x.copy(), p.copy()
+        segment.x, segment.p, segment.tilt_doubt = x.copy(), p.copy(), tilt_doubt
 
     @property
     def rows(self) -> Array:

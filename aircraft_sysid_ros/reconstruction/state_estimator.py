@@ -270,7 +270,8 @@ class StateEstimator:
         assert self.tape is not None
         rows = smooth(self.tape, with_covariance)
         if with_covariance:
-            _doubt_tilt(rows, *self.tilt_doubt)
+            for segment, _, of_segment in self.tape.segments():
+                _doubt_tilt(of_segment, *segment.tilt_doubt)
         airborne = _newest_airborne(rows)
         if self._last_airborne is not None and airborne is not None:
             self._last_airborne = airborne.copy()
@@ -502,7 +503,7 @@ class StateEstimator:
                     self._last_airborne = airborne
                 yield rows[:count]
             if self.tape is not None:
-                self.tape.add(tape[:steps], rows[:count], self._x, self._p)
+                self.tape.add(tape[:steps], rows[:count], self._x, self._p, self.tilt_doubt)
             if state != RUNNING:
                 self._lose_alignment()
             if state == DIVERGED:

@@ -36,3 +36,19 @@ def test_smoothing_does_not_take_away_the_doubt_of_a_drifting_attitude(aircraft)
         assert (std[:, D_ACCELEROMETER_BIAS] > 9.8 * pitch).all()
         assert (std[:, D_ACCELEROMETER_BIAS + 1] > 9.8 * roll).all()
         assert (std[:, D_ACCELEROMETER_BIAS + 2] < 9.8 * min(roll, pitch)).any()
+
+
+def test_the_doubt_is_that_of_each_flight(aircraft) -> None:
+    """Of flights that are smoothed together the first one lost it where the last one had no attitude."""
+    flight = simulate_samples(aircraft, 3, 20.0, sensors=SensorOptions(attitude=True))
+    without = flight.samples[flight.samples.kind != Kind.ATTITUDE]
+    with SmootherHistory() as tape:
+        estimator = StateEstimator(of_shape(aircraft), None, tape)
+        count = len(estimator.push(with_slow_error(flight.samples)))
+        roll, pitch = estimator.tilt_doubt
+        count += len(estimator.begin_anew(np.nan))
+        estimator.push(without[without.stamp < without.stamp[0] + 8 * 10**9])
+        estimator.flush()
+        std = estimator.smooth()[:, StateField.STANDARD_DEVIATIONS]
+        assert (std[:count, D_ATTITUDE + 1] > pitch).all() and (std[:count, D_ACCELEROMETER_BIAS] > 9.8 * pitch).all()
+        assert (std[:count, D_ATTITUDE] > roll).all() and (std[:count, D_ACCELEROMETER_BIAS + 1] > 9.8 * roll).all()
