@@ -350,8 +350,9 @@ class StateEstimator:
         return [*self._flown, Sensors(self._start_up.gps_had, frozenset(usable.tolist()))]
 
     def _usable(self) -> npt.NDArray[np.int64]:
-        """Samples (kinds,) that have come and were not invalid."""
-        return self.order.counts.received - self.order.counts.invalid
+        """Samples (kinds,) that have come, once each, and were not invalid."""
+        counts = self.order.counts
+        return counts.received - counts.invalid - counts.repeated
 
     def take_start(self, start: StartValues) -> None:
         """From now on wind and errors of the air data are those of ``start``; what else is known stays.

@@ -69,6 +69,14 @@ def test_an_imu_that_is_too_slow_for_a_start_is_named_with_its_rate(said):
     assert text == "the IMU comes at 3 Hz: it needs samples that are at most 0.25 s apart"
 
 
+def test_its_rate_is_that_of_samples_that_count(said):
+    """A topic that was recorded twice came at twice its rate, by these words."""
+    stamp = np.arange(60) * SECOND // 5
+    velocity = samples_of(Kind.GPS_VELOCITY, stamp, np.zeros((60, 3)))
+    text = said(imu(36, rate=3), imu(36, rate=3), *fixes(stamp, 0), velocity)
+    assert text == "the IMU comes at 3 Hz: it needs samples that are at most 0.25 s apart"
+
+
 def test_so_is_one_whose_gaps_are_a_little_too_long_every_time(said):
     """4 Hz, as autopilots send unasked: the mean is as short as it must be, and it was motion that seemed to lack."""
     stamp = np.arange(100) * SECOND // 5
