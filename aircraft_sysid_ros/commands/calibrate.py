@@ -27,7 +27,7 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
     )
     add = parser.add_argument
     add("what", choices=tuple(SECTIONS), help="which sensor")
-    add("bag", metavar="BAG", help="rosbag2 folder, .mcap or .db3 file, or a run, whose aircraft file is taken too")
+    add("bag", metavar="BAG", help="rosbag2 folder, .mcap, .db3 or .bag file, or a run, with its aircraft file")
     add("--aircraft", metavar="FILE", help="aircraft file: where the probe is, delays and noise of the sensors "
         f"(needed but for magnetometer; default there: {DEFAULT_AIRCRAFT})")  # fmt: skip
     add("--out", metavar="FOLDER", help="folder for calibration.yaml, result.json and pictures")

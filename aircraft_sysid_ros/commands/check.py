@@ -24,7 +24,7 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
     parser: argparse.ArgumentParser = subparsers.add_parser(
         "check", help="the data of a flight, before anything is estimated", description=__doc__
     )
-    parser.add_argument("bag", metavar="BAG", help="rosbag2 folder, .mcap or .db3 file")
+    parser.add_argument("bag", metavar="BAG", help="rosbag2 folder, .mcap, .db3 or .bag file")
     parser.add_argument(
         "--aircraft",
         metavar="FILE",

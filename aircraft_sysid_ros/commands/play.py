@@ -68,7 +68,7 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
         "play", help="a recording onto ROS 2 topics", description=__doc__
     )
     add = parser.add_argument
-    add("recording", metavar="BAG", help="rosbag2 folder, .mcap or .db3 file")
+    add("recording", metavar="BAG", help="rosbag2 folder, .mcap, .db3 or .bag file")
     add(
         "--rate",
         type=float,

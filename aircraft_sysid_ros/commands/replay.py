@@ -23,7 +23,7 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
         "replay", help="the whole pipeline over recordings", description=__doc__
     )
     parser.add_argument(
-        "bags", nargs="+", metavar="BAG", help="rosbag2 folder, .mcap or .db3 file; several make one body of data"
+        "bags", nargs="+", metavar="BAG", help="rosbag2 folder, .mcap, .db3 or .bag file; several make one body of data"
     )
     parser.add_argument(
         "--segments",

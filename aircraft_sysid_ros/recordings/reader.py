@@ -69,7 +69,7 @@ class Recording:
 
 
 def read_recording(path: str | Path, inputs: Sequence[NamedInput] = ()) -> Recording:
-    """Read a rosbag2 folder (MCAP or sqlite3) or a bare .mcap or .db3 file.
+    """Read a rosbag2 folder (MCAP or sqlite3) or a bare .mcap, .db3 or .bag file.
 
     A topic counts with or without a namespace before it: /uav1/imu/data is imu/data. ``inputs`` are those that the
     aircraft file names. Raises InputError for what is not a recording and for a recording without any of TOPICS.
@@ -195,6 +195,8 @@ def _require_samples(path: str | Path, batches: list[Samples], raw: RawMessages,
     needed = ", ".join("/" + topic for topic in TOPICS)
     of_autopilot = any(c.type.startswith("px4_msgs/") or "mavros/" in c.topic for c in raw.channels.values())
     remedy = (
-        f"; `aircraft-sysid import {path} --out BAG` makes a recording of an autopilot's topics" if of_autopilot else ""
+        f"; `aircraft-sysid import {path} --out BAG` makes a recording of an autopilot's topics"
+        if of_autopilot
+        else f"; `aircraft-sysid import {path} --guess MAP.yaml` begins a map of topics with other names"
     )
     raise InputError(f"the recording {path} has none of the topics {needed}: it holds {raw.topic_names()}{remedy}")

@@ -255,3 +255,5 @@ def test_what_is_no_bag_of_ros_1_is_said_in_one_sentence(bag, tmp_path):
 def test_a_bag_without_a_map_says_how_one_is_begun(bag, tmp_path):
     with pytest.raises(InputError, match=r"--guess MAP\.yaml` begins: it holds .*/vn100/imu"):
         import_log(bag, tmp_path / "out")
+    with pytest.raises(InputError, match=r"it holds .*/vn100/imu; `.* --guess MAP\.yaml` begins a map"):
+        read_recording(bag)
