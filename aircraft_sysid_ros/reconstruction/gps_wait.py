@@ -83,4 +83,4 @@ class GpsWait:
     @property
     def waits(self) -> bool:
         """Whether samples are kept for a decision."""
-        return self.decided is None and len(self._kept) > 0
+        return len(self._kept) > 0

@@ -263,6 +263,15 @@ def test_after_a_gap_the_filter_starts_with_the_gps_that_is_left(flight, aircraf
     assert np.array_equal(rows, again, equal_nan=True)
 
 
+def test_nor_is_anything_lost_where_the_flight_ends_while_gps_that_was_lost_is_waited_for(flight, aircraft):
+    """Up to five seconds after the gap had no state."""
+    time = since(flight, flight.samples)
+    cut = (time > 18.0) & (flight.samples.kind == Kind.GPS_POSITION)
+    estimator, rows = run(aircraft, flight.samples[(time < 30.0) & ~cut & ~((time > 25.0) & (time < 26.0))])
+    _, when = truth_of(flight, estimator, rows)
+    assert (when > 26.0).sum() > 0.95 * 100 * 3.0
+
+
 @pytest.mark.parametrize("lost", GPS)
 def test_one_kind_of_gps_that_is_rejected_for_long_is_enough_where_the_other_is_silent(flight, aircraft, lost):
     """The state was off by 30 m/s for the rest of a flight, since the other one did not contradict it."""
