@@ -32,6 +32,23 @@ def test_what_an_instrument_measures_is_its_signal(name, signal):
     assert guess_name(name).signal == signal
 
 
+@pytest.mark.parametrize(
+    ("name", "signal"),
+    [
+        ("airspeed_ktas", "true_airspeed"), ("v_kias", "indicated_airspeed"), ("Vind_kias", "indicated_airspeed"),
+        ("airspeed_kcas", "calibrated_airspeed"), ("tas_ktas", "true_airspeed"), ("ktas", "true_airspeed"),
+    ],
+)  # fmt: skip
+def test_knots_that_say_of_which_airspeed_they_are_are_believed(name, signal):
+    """Of airspeed_ktas the true airspeed was read as the indicated one, of v_kias the other way round."""
+    guess = guess_name(name)
+    assert (guess.signal, guess.unit) == (signal, "kt")
+
+
+def test_a_stall_speed_is_no_climb():
+    assert guess_name("vs_kias") is None and guess_name("vs_kt").signal == "velocity.down"
+
+
 def test_words_that_stand_together_are_of_another():
     assert is_of_another("gyro_temp") and is_of_another("p_rate_limit") and not is_of_another("gyro_x")
 

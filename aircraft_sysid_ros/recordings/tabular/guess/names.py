@@ -75,6 +75,11 @@ def guess_name(column: str, unit: str = "", table: str = "") -> NameGuess | None
         if found is None:
             continue
         signal, sign, rank = found
+        speed = _BY_NAME[words[-1]][0] if words[-1] in _SAYS_UNIT else ""
+        if speed in SPEEDS:
+            if signal not in SPEEDS:
+                continue  # vs_kias is where it stalls
+            signal = speed  # of airspeed_ktas
         said = unit if is_unit(unit) else said or _SAYS_UNIT.get("_".join(tokens), "")
         if (said and not _fits(said, signal)) or (not said and (is_command(column) or tokens[0] in _NEEDS_UNIT)):
             continue  # a command of -1 to 1 is no angle
