@@ -185,6 +185,8 @@ def navigate(samples: Samples, aircraft: Aircraft) -> Navigation:
         rows = estimator.smooth()
         epoch = estimator.epoch
     down = rows[:, StateField.POSITION.start + 2]
+    places = rows[:, StateField.ORIGIN]
+    known = places[np.isfinite(places).all(axis=1)]  # not where GPS positions were lost, and the filter then
     return Navigation(
         epoch,
         rows[:, StateField.TIME].copy(),
@@ -193,7 +195,7 @@ def navigate(samples: Samples, aircraft: Aircraft) -> Navigation:
         rows[:, StateField.ANGULAR_VELOCITY].copy(),
         down[0] - down,
         rows[:, StateField.STANDARD_DEVIATIONS][:, D_ATTITUDE : D_ATTITUDE + 3].copy(),
-        rows[-1, StateField.ORIGIN].copy(),
+        (known if len(known) else places)[-1].copy(),
         tuple(f"{stated_and_shown(name, *both)}: the calibration uses that" for name, both in understated.items()),
     )
 
