@@ -161,7 +161,9 @@ class Motion:
         known = np.flatnonzero(np.all(np.isfinite(stream.values[:, :3]), axis=1))
         middle = stream.values[known[len(known) // 2], :3]
         if not np.any(np.abs(placed[:, :2]) > LARGEST_ANGLES):
-            return self._flown(ned_along(placed, middle))
+            level = np.where(np.isnan(placed[:, 2]), middle[2], placed[:, 2])  # a fix without an altitude has a place
+            along = ned_along(np.column_stack([placed[:, :2], level]), middle)
+            return self._flown(np.column_stack([along[:, :2], middle[2] - placed[:, 2]]))
         radius = SEMI_MAJOR_AXIS + middle[2]
         return self._flown((placed - middle) * [radius, radius * np.cos(middle[0]), -1.0])
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -28,6 +30,15 @@ def test_nothing_more_is_found_where_it_is_crossed(flown, share):
     here, there = (check(flight_of(samples, samples.stamp)) for samples in (flown, moved))
     assert [f.sentence for f in there.findings] == [f.sentence for f in here.findings]
     np.testing.assert_allclose(there.motion.position, here.motion.position, atol=0.1)
+
+
+def test_fixes_without_an_altitude_have_a_place(flown):
+    """North and east had gone with the altitude."""
+    values, fix = flown.values.copy(), np.flatnonzero(flown.kind == Kind.GPS_POSITION)
+    values[fix[len(fix) // 2 :], 2] = np.nan
+    here, there = (check(flight_of(s, s.stamp)).motion.position for s in (flown, replace(flown, values=values)))
+    np.testing.assert_allclose((there - there[100])[:, :2], (here - here[100])[:, :2], atol=0.1)
+    assert np.isnan(there[-500:, 2]).all() and np.isfinite(there[500:1000, 2]).all()
 
 
 def test_velocity_east_is_that_of_positions_a_thousand_kilometres_further_north():
