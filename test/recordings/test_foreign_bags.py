@@ -1,5 +1,8 @@
 """Bags whose topics have other names and types than ours, of ROS 2 and of ROS 1: imported by a MAP of their topics."""
 
+import shutil
+from pathlib import Path
+
 import numpy as np
 import pytest
 from autopilot_log_files import write_bag
@@ -203,6 +206,17 @@ def test_a_bag_is_read_once(bag, tmp_path, monkeypatch):
     monkeypatch.setattr(bag_tables, "read_raw", lambda path: read.append(path) or read_raw(path))
     import_log(bag, tmp_path / "out", columns=tmp_path / "map.yaml")
     assert len(read) == 1
+
+
+def test_tables_beside_a_file_of_a_bag_are_the_tables_of_their_folder(bag, tmp_path):
+    """As exports lie beside what they were made of: the tables were not looked at any more."""
+    (tmp_path / "a.mcap").write_bytes(next(bag.glob("*.mcap")).read_bytes())
+    assert open_source(tmp_path).is_bag
+    (tmp_path / "rates.csv").write_text("time,p,q\n" + "\n".join(f"{0.02 * i},0.1,0.2" for i in range(50)))
+    assert [file.name for file in open_source(tmp_path).files] == ["rates.csv"]
+    whole = Path(shutil.copytree(bag, tmp_path / "whole"))
+    (whole / "notes.txt").write_text("calm")
+    assert open_source(whole).is_bag
 
 
 def test_a_time_that_a_message_has_of_its_own_is_not_that_of_its_table(tmp_path):

@@ -39,10 +39,13 @@ _UNITS = {
 
 
 def is_bag(path: Path) -> bool:
-    """Whether a folder or a file is called as a bag is."""
-    if path.is_dir():
-        return (path / METADATA).exists() or any(file.suffix in _ENDINGS for file in path.iterdir())
-    return path.suffix in (*_ENDINGS, ENDING)
+    """Whether a folder is a bag for sure, or a file is called as one is."""
+    return (path / METADATA).exists() if path.is_dir() else path.suffix in (*_ENDINGS, ENDING)
+
+
+def holds_bag(folder: Path) -> bool:
+    """Whether files of a bag are in a folder, which may hold others beside them."""
+    return any(file.suffix in _ENDINGS for file in folder.iterdir())
 
 
 @dataclass(frozen=True)

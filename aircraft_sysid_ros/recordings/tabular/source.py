@@ -10,7 +10,7 @@ from functools import cached_property
 from pathlib import Path
 
 from aircraft_sysid_ros.errors import InputError
-from aircraft_sysid_ros.recordings.tabular.bag_tables import BagTable, bag_tables, is_bag
+from aircraft_sysid_ros.recordings.tabular.bag_tables import BagTable, bag_tables, holds_bag, is_bag
 from aircraft_sysid_ros.recordings.tabular.binary_files import excel_tables, hdf5_tables, mat_tables, parquet_tables
 from aircraft_sysid_ros.recordings.tabular.signals import near
 from aircraft_sysid_ros.recordings.tabular.table import Table
@@ -33,6 +33,7 @@ class Source:
 
     path: Path
     files: tuple[Path, ...]
+    is_bag: bool = False
 
     @property
     def is_folder(self) -> bool:
@@ -45,12 +46,12 @@ class Source:
         return bag_tables(self.path, self.path.name)
 
     def _opened(self) -> tuple[str, list[Table]]:
-        return self._bag if is_bag(self.path) else open_file(self.path)
+        return self._bag if self.is_bag else open_file(self.path)
 
     @property
     def notes(self) -> list[str]:
         """What is wrong with a bag as a whole."""
-        tables = self._bag[1] if not self.is_folder and is_bag(self.path) else []
+        tables = self._bag[1] if self.is_bag else []
         return [note for table in tables[:1] if isinstance(table, BagTable) for note in table.of_bag]
 
     def formats(self) -> str:
@@ -99,9 +100,11 @@ class Source:
 def open_source(path: Path) -> Source:
     """A file, folder or bag; raises InputError where nothing in it can hold a table."""
     if is_bag(path):
-        return Source(path, (path,))
+        return Source(path, (path,), is_bag=True)
     if path.is_dir():
         files = tuple(sorted(file for file in path.iterdir() if file.is_file() and _reader(file) is not None))
+        if not files and holds_bag(path):
+            return Source(path, (path,), is_bag=True)
         if not files:
             raise InputError(f"{path} has no tables: files that hold some end in {' '.join(ENDINGS)}")
         return Source(path, files)
@@ -111,9 +114,7 @@ def open_source(path: Path) -> Source:
 
 
 def open_file(path: Path) -> tuple[str, list[Table]]:
-    """Format and tables of a file or bag; raises InputError."""
-    if is_bag(path):
-        return bag_tables(path, path.name)
+    """Format and tables of a file; raises InputError."""
     reader = _reader(path)
     if reader is None:
         raise InputError(f"{path} cannot hold a table")

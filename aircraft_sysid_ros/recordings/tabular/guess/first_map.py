@@ -13,7 +13,6 @@ import yaml
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.mavlink.servo_mapping import ServoMapping
 from aircraft_sysid_ros.recordings.autopilot_log import NO_DATE
-from aircraft_sysid_ros.recordings.tabular.bag_tables import is_bag
 from aircraft_sysid_ros.recordings.tabular.column_map import TEXT_TIMES, ColumnMap, parse_column_map
 from aircraft_sysid_ros.recordings.tabular.guess.ground_track import ground_track_columns
 from aircraft_sysid_ros.recordings.tabular.guess.known_kinds import known_lines
@@ -100,7 +99,7 @@ def guess_map(path: Path, mapping: ServoMapping | None = None) -> FirstMap:
             looked_at[file] = content, guess_time(table, content)
         return looked_at[file]
 
-    parts, columns, is_topic = [], [], is_bag(path)
+    parts, columns = [], []
     for file, table in joined_manoeuvres(tables, lambda pattern, table: look(pattern, table)[1] is not None):
         content, time = look(file, table)
         if time is None:
@@ -111,7 +110,7 @@ def guess_map(path: Path, mapping: ServoMapping | None = None) -> FirstMap:
         taken = {column.name for column in named} | of_several | ({time.column} if time is not None else set())
         part.unmapped = [name for name in table.columns if name and name not in taken]
         for column in named:
-            _weigh_table(column, is_topic)
+            _weigh_table(column, source.is_bag)
         columns += [(part, column) for column in named]
     _count_as_import(parts, columns)
     best = _best_by_signal(columns)
