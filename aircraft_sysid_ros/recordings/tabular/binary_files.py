@@ -255,7 +255,7 @@ def _labels(content: Mapping[str, Any], key: str, value: npt.NDArray[Any]) -> li
 
 def _is_of_simulink(value: Any) -> bool:
     """Whether a block of Simulink logged it as a structure with time, and no other structure has such fields."""
-    signals = getattr(value, "signals", None)
+    signals: Any = getattr(value, "signals", None)
     return hasattr(value, "time") and all(hasattr(signal, "values") for signal in np.atleast_1d(signals))
 
 
