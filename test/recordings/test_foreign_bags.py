@@ -8,6 +8,8 @@ import pytest
 from autopilot_log_files import write_bag
 from flown_columns import flown_columns
 from rosbags.convert.converter import convert
+from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.typesys import Stores, get_typestore
 
 from aircraft_sysid_ros.after_flight.log_import import guess_columns, import_log
 from aircraft_sysid_ros.aircraft.frames import quaternion_from_euler
@@ -217,6 +219,23 @@ def test_tables_beside_a_file_of_a_bag_are_the_tables_of_their_folder(bag, tmp_p
     whole = Path(shutil.copytree(bag, tmp_path / "whole"))
     (whole / "notes.txt").write_text("calm")
     assert open_source(whole).is_bag
+
+
+def test_a_topic_of_two_publishers_is_one_table_and_one_of_two_types_is_two(tmp_path):
+    """Two tables had one name, so that neither could be mapped."""
+    store = get_typestore(Stores.ROS2_JAZZY)
+    kinds = ("std_msgs/msg/Float32", "std_msgs/msg/Float32", "std_msgs/msg/Float64")
+    with Writer(tmp_path / "flight", version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        topics = ("/speed", "/speee", "/speed")
+        each = [writer.add_connection(topic, kind, typestore=store) for topic, kind in zip(topics, kinds, strict=True)]
+        for i in range(30):
+            message = store.serialize_cdr(store.types[kinds[i % 3]](float(i)), kinds[i % 3])
+            writer.write(each[i % 3], START + i, message)
+    (file,) = (tmp_path / "flight").glob("*.mcap")
+    file.write_bytes(file.read_bytes().replace(b"/speee", b"/speed"))
+    tables = {table.name: table for table in open_source(file).tables("*")}
+    assert tables.keys() == {"speed", "speed of std_msgs/msg/Float64"}
+    assert tables["speed"].arrays[0].tolist() == [float(i) for i in range(30) if i % 3 != 2]
 
 
 def test_a_time_that_a_message_has_of_its_own_is_not_that_of_its_table(tmp_path):

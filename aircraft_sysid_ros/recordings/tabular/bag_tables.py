@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -13,7 +13,7 @@ import numpy.typing as npt
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.recordings import losses
 from aircraft_sysid_ros.recordings.message_types import channel_types
-from aircraft_sysid_ros.recordings.raw_messages import Integers
+from aircraft_sysid_ros.recordings.raw_messages import Channel, Integers, RawMessages
 from aircraft_sysid_ros.recordings.ros1_bag import ENDING, LARGE
 from aircraft_sysid_ros.recordings.storage import METADATA, read_raw
 from aircraft_sysid_ros.recordings.tables import Table as Messages
@@ -63,7 +63,7 @@ class BagTable(ArrayTable):
 
 def bag_tables(path: Path, name: str) -> tuple[str, list[Table]]:
     """A table for every topic whose messages hold numbers, called as it is; raises InputError where there is none."""
-    raw = read_raw(path)
+    raw = _with_one_channel_each(read_raw(path))
     topics: list[_Topic] = []
     notes = list(raw.notes)
     for key, channel in raw.channels.items():
@@ -75,11 +75,22 @@ def bag_tables(path: Path, name: str) -> tuple[str, list[Table]]:
         messages = table_of(raw, key)
         columns, units = _columns(channel.topic.lstrip("/"), channel.type, messages)
         if columns:
-            topics.append(_Topic(channel.topic.lstrip("/"), columns, units, messages))
+            is_twice = any(topic.name == channel.topic.lstrip("/") for topic in topics)
+            title = channel.topic.lstrip("/") + (f" of {channel.type}" if is_twice else "")
+            topics.append(_Topic(title, columns, units, messages))
     if not topics:
         raise InputError(f"{name} has no topic whose messages hold numbers: it holds {raw.topic_names()[:300]}")
     shifts = _shifts([topic.messages for topic in topics])
     return "bag", [_table(topic, shift, tuple(notes)) for topic, shift in zip(topics, shifts, strict=True)]
+
+
+def _with_one_channel_each(raw: RawMessages) -> RawMessages:
+    """The same messages, of which those that two publishers wrote alike are of one channel."""
+    first: dict[Channel, int] = {}
+    number = np.zeros(max(raw.channels, default=0) + 1, dtype=np.int64)
+    for key, channel in raw.channels.items():
+        number[key] = first.setdefault(channel, key)
+    return replace(raw, channel=number[raw.channel], channels={key: channel for channel, key in first.items()})
 
 
 class _Topic(NamedTuple):
