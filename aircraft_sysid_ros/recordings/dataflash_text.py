@@ -18,6 +18,7 @@ _LETTERS = {
     "N": ("16s", 0.0), "Z": ("64s", 0.0), "a": ("64s", 0.0),
 }  # fmt: skip
 _FORMATS = "FMT", "BBnNZ"
+_NO_MODE = 255
 
 
 class _Format(NamedTuple):
@@ -67,6 +68,8 @@ def _value(letter: str, cell: str) -> int | float | bytes:
     kind, factor = _LETTERS[letter]
     if kind.endswith("s"):
         return cell.encode()
+    if letter == "M" and cell[:1].isalpha():
+        return _NO_MODE  # Mission Planner writes its name; nothing reads modes
     if not factor:
         return float(cell)
     if factor == 1.0 and cell.lstrip("-").isdigit():

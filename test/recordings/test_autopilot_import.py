@@ -15,6 +15,7 @@ from aircraft_sysid_ros.commands import import_log
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.recordings.autopilot_bag_import import is_autopilot_bag
 from aircraft_sysid_ros.recordings.autopilot_log import gps_nanoseconds
+from aircraft_sysid_ros.recordings.dataflash_text import write_as_binary
 from aircraft_sysid_ros.recordings.imported_log import ImportedLog, ImportedTopic, write_log
 from aircraft_sysid_ros.recordings.injections import injections
 from aircraft_sysid_ros.recordings.manoeuvres import read_segments
@@ -187,6 +188,14 @@ def test_dataflash(tmp_path, calibration):
     x, y, z, w = attitude[0]
     forward = (1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y))
     np.testing.assert_allclose(forward, (np.cos(np.radians(5.0)), 0.0, np.sin(np.radians(5.0))), atol=1e-6)
+
+
+def test_a_mode_that_is_written_by_its_name_is_no_damaged_line(tmp_path):
+    """As Mission Planner writes it: of a whole log it was said that lines could not be read."""
+    text = dataflash_text({"MODE": ("QMBB", "TimeUS,Mode,ModeNum,Rsn")}, [("MODE", (1000, 10, 10, 1))])
+    (tmp_path / "a.log").write_text(text.replace("MODE, 1000, 10,", "MODE, 1000, Auto,"))
+    assert "Auto" in (tmp_path / "a.log").read_text()
+    assert write_as_binary(tmp_path / "a.log", tmp_path / "a.bin") == 0
 
 
 def test_dataflash_as_text_is_the_log_that_it_was_made_from(tmp_path, calibration):
