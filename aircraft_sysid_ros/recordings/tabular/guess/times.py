@@ -147,12 +147,14 @@ def _restarts(known: Array) -> int | None:
     if not len(back):
         return 0
     parts = np.split(known, back)
+    if min(map(len, parts)) < _LEAST_ROWS:
+        return None
     spans = np.array([np.ptp(part) for part in parts])
     step, end = float(np.median(np.diff(parts[0]))), float(np.median([part[-1] for part in parts[:-1]]))
     if any(abs(end + step - wrap) < 1.5 * step for wrap in _WRAPS):
         return None
     near = np.abs(known[np.concatenate([[0], back])] - known[0]) <= _SAME_BEGIN * np.median(spans)
-    return len(back) if near.all() and min(map(len, parts)) >= _LEAST_ROWS else None
+    return len(back) if near.all() else None
 
 
 def _running_on(seconds: Array) -> Array:
