@@ -155,6 +155,11 @@ def joined(parts: Sequence[Samples]) -> tuple[Samples, list[int]]:
     return concatenate(batches), shifts
 
 
+def flight_at(samples: Samples) -> npt.NDArray[np.int64]:
+    """Number from 0 of the flight of each sample (n,): another begins at a SEAM after more than SAME_FLIGHT, or NaN."""
+    return np.cumsum((samples.kind == Kind.SEAM) & ~(samples.values[:, 0] <= SAME_FLIGHT))
+
+
 def repeats(time: npt.NDArray[Any], values: npt.NDArray[np.float64]) -> npt.NDArray[np.bool_]:
     """Which samples of one kind (n,), in order of ``time`` (n,), are the one before them once more, ``values`` (n, k)
     and all: of a topic that came twice.
@@ -245,7 +250,7 @@ def manoeuvres_in_turn(samples: Samples) -> Iterator[tuple[float | None, Samples
 
 def flights(samples: Samples) -> list[Samples]:
     """The manoeuvres of each flight, with the seams between them: those that follow within ``SAME_FLIGHT``."""
-    return _split(samples, np.flatnonzero((samples.kind == Kind.SEAM) & ~(samples.values[:, 0] <= SAME_FLIGHT)))
+    return _split(samples, np.flatnonzero(np.diff(flight_at(samples), prepend=0)))
 
 
 def _split(samples: Samples, at: npt.NDArray[np.int64]) -> list[Samples]:

@@ -32,7 +32,7 @@ from aircraft_sysid_ros.identification.coefficients.signals import INPUT_HELD, i
 from aircraft_sysid_ros.reconstruction.absences import has_airspeed
 from aircraft_sysid_ros.reconstruction.drift import Drift
 from aircraft_sysid_ros.run_writer import write_json
-from aircraft_sysid_ros.samples import SAME_FLIGHT, Kind, Samples, manoeuvres
+from aircraft_sysid_ros.samples import Kind, Samples, flight_at, manoeuvres
 from aircraft_sysid_ros.stamps import NANOSECONDS, seconds
 
 Array = npt.NDArray[np.float64]
@@ -241,7 +241,7 @@ def _as_measured(aircraft: Aircraft, samples: Samples, zero: int | None) -> Samp
     [ns], at which the filter started, and where another flight begins.
     """
     drift, values = Drift(aircraft), samples.values.copy()
-    flight = np.cumsum((samples.kind == Kind.SEAM) & ~(samples.values[:, 0] <= SAME_FLIGHT))
+    flight = flight_at(samples)
     origin = int(samples.stamp[0])
     for number in range(int(flight.max(initial=0)) + 1):
         own = flight == number

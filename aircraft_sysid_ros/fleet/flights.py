@@ -18,13 +18,13 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
+from aircraft_sysid_ros.after_flight.log_import import BAGS as RECORDINGS
 from aircraft_sysid_ros.after_flight.log_import import holds_known_tables, holds_tables
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.recordings.raw_messages import printable
 from aircraft_sysid_ros.run_reader import PARAMETERS
 from aircraft_sysid_ros.yaml_file import read_yaml
 
-RECORDINGS = (".mcap", ".db3", ".bag")
 AUTOPILOTS = (".ulg", ".ulog", ".bin", ".tlog")
 LOGS = (*AUTOPILOTS, ".mat", ".data")
 TABLES = (".csv", ".tsv", ".txt", ".parquet", ".h5", ".hdf5", ".xlsx")

@@ -26,7 +26,7 @@ from aircraft_sysid_ros.mavlink.dataflash_table import DATAFLASH, receivers
 from aircraft_sysid_ros.mavlink.quantities import FIX_3D, Batch
 from aircraft_sysid_ros.mavlink.servo_mapping import ServoMapping
 from aircraft_sysid_ros.recordings.autopilot_log import NO_DATE, LogContent, gps_nanoseconds, import_content
-from aircraft_sysid_ros.recordings.dataflash_text import TEXT, write_as_binary
+from aircraft_sysid_ros.recordings.dataflash_text import LETTERS, TEXT, write_as_binary
 from aircraft_sysid_ros.recordings.imported_log import GPS_EPOCH, LATEST, SECONDS_PER_WEEK, ImportedLog
 from aircraft_sysid_ros.recordings.injections import MESSAGES, injections
 from aircraft_sysid_ros.recordings.losses import NO_CHECKSUMS
@@ -36,14 +36,6 @@ _MAGIC = b"\xa3\x95"
 _HEADER = 3
 #: A message that says how others are laid out: their length, name, letters of types, and columns.
 _FORMAT = re.compile(rb"\xa3\x95\x80.(.)(.{4})(.{16})(.{64})", re.DOTALL)
-#: Letters of a format: NumPy type and factor, as in AP_Logger/LogStructure.h.
-_LETTERS: dict[str, tuple[str, float | None]] = {
-    "b": ("i1", None), "B": ("u1", None), "M": ("u1", None), "h": ("<i2", None), "H": ("<u2", None),
-    "i": ("<i4", None), "I": ("<u4", None), "q": ("<i8", None), "Q": ("<u8", None), "f": ("<f4", None),
-    "d": ("<f8", None), "g": ("<f2", None), "c": ("<i2", 0.01), "C": ("<u2", 0.01), "e": ("<i4", 0.01),
-    "E": ("<u4", 0.01), "L": ("<i4", 1e-7), "n": ("S4", None), "N": ("S16", None), "Z": ("S64", None),
-    "a": ("(32,)<i2", None),
-}  # fmt: skip
 #: Functions of servo outputs (SERVOn_FUNCTION) that a calibration file may want to know of.
 FUNCTIONS = {
     2: "flaps", 3: "flaps", 4: "aileron", 19: "elevator", 21: "rudder", 24: "left_flaperon", 25: "right_flaperon",
@@ -144,7 +136,7 @@ def _with_readable_formats(path: Path, copy: Path) -> list[str]:
     content, damaged = bytearray(path.read_bytes()), []
     for match in _FORMAT.finditer(content):
         name, letters, columns = (part.rstrip(b"\0") for part in match.groups()[1:])
-        is_right = all(letter in _LETTERS for letter in letters.decode("latin1"))
+        is_right = all(letter in LETTERS for letter in letters.decode("latin1"))
         if not is_right and (re.fullmatch(rb"[A-Z0-9]+", name) or re.fullmatch(rb"[ -~]+", columns)):
             damaged.append(name.decode("ascii", "replace"))
             meaningless = _letters_of(match[1][0] - _HEADER)
@@ -193,15 +185,15 @@ def _columns(content: npt.NDArray[np.uint8], offsets: npt.NDArray[np.int64], for
     """Columns (n,) of the messages of one format; none where the format is not understood."""
     letters = form.format.decode() if isinstance(form.format, bytes) else str(form.format)
     letters = letters.rstrip("\x00")
-    if any(letter not in _LETTERS for letter in letters) or len(letters) != len(form.columns):
+    if any(letter not in LETTERS for letter in letters) or len(letters) != len(form.columns):
         return {}
-    layout = np.dtype([(name, _LETTERS[letter][0]) for name, letter in zip(form.columns, letters, strict=True)])
+    layout = np.dtype([(name, LETTERS[letter][0]) for name, letter in zip(form.columns, letters, strict=True)])
     offsets = offsets[offsets + _HEADER + layout.itemsize <= len(content)] + _HEADER
     rows = content[offsets[:, None] + np.arange(layout.itemsize)]
     table = np.ascontiguousarray(rows).view(layout)[:, 0]
     columns: dict[str, npt.NDArray[Any]] = {}
     for name, letter in zip(form.columns, letters, strict=True):
-        factor = _LETTERS[letter][1]
+        factor = LETTERS[letter][1]
         columns[name] = table[name].copy() if factor is None else table[name] * factor
     return columns
 

@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
-import struct
 from pathlib import Path
 from typing import NamedTuple
+
+import numpy as np
 
 from aircraft_sysid_ros.errors import InputError
 
 TEXT = b"FMT,"
 _HEAD = b"\xa3\x95"
-#: Letters of a format: how `struct` packs them, and the factor that a text has applied, as in AP_Logger/LogStructure.h.
-_LETTERS = {
-    "b": ("b", 1.0), "B": ("B", 1.0), "M": ("B", 1.0), "h": ("h", 1.0), "H": ("H", 1.0), "i": ("i", 1.0),
-    "I": ("I", 1.0), "q": ("q", 1.0), "Q": ("Q", 1.0), "f": ("f", 0.0), "d": ("d", 0.0), "g": ("e", 0.0),
-    "c": ("h", 0.01), "C": ("H", 0.01), "e": ("i", 0.01), "E": ("I", 0.01), "L": ("i", 1e-7), "n": ("4s", 0.0),
-    "N": ("16s", 0.0), "Z": ("64s", 0.0), "a": ("64s", 0.0),
+#: Letters of a format: NumPy type and the factor of what is read, as in AP_Logger/LogStructure.h.
+LETTERS: dict[str, tuple[str, float | None]] = {
+    "b": ("i1", None), "B": ("u1", None), "M": ("u1", None), "h": ("<i2", None), "H": ("<u2", None),
+    "i": ("<i4", None), "I": ("<u4", None), "q": ("<i8", None), "Q": ("<u8", None), "f": ("<f4", None),
+    "d": ("<f8", None), "g": ("<f2", None), "c": ("<i2", 0.01), "C": ("<u2", 0.01), "e": ("<i4", 0.01),
+    "E": ("<u4", 0.01), "L": ("<i4", 1e-7), "n": ("S4", None), "N": ("S16", None), "Z": ("S64", None),
+    "a": ("(32,)<i2", None),
 }  # fmt: skip
 _FORMATS = "FMT", "BBnNZ"
 _NO_MODE = 255
@@ -24,7 +26,7 @@ _NO_MODE = 255
 class _Format(NamedTuple):
     number: int
     letters: str
-    layout: struct.Struct
+    layout: np.dtype[np.void]
 
 
 def write_as_binary(path: Path, target: Path) -> int:
@@ -44,7 +46,7 @@ def write_as_binary(path: Path, target: Path) -> int:
                 form = formats[name.strip()]
                 cells = [cell.strip() for cell in rest.split(",", len(form.letters) - 1)]
                 out.write(_HEAD + bytes([form.number]) + _packed(form, cells))
-            except (KeyError, ValueError, OverflowError, struct.error):
+            except (KeyError, ValueError, OverflowError):
                 unread += 1
     if _FORMATS[0] not in formats:
         raise InputError("it is a DataFlash log as text, of which no line says how FMT is laid out")
@@ -54,24 +56,26 @@ def write_as_binary(path: Path, target: Path) -> int:
 def _format_of(rest: str) -> tuple[str, _Format]:
     """The name of the message that a line of FMT describes, and how it is laid out."""
     number, _, name, letters, _ = (cell.strip() for cell in rest.split(",", 4))
-    return name, _Format(int(number), letters, struct.Struct("<" + "".join(_LETTERS[x][0] for x in letters)))
+    return name, _Format(int(number), letters, np.dtype([(f"f{i}", LETTERS[x][0]) for i, x in enumerate(letters)]))
 
 
 def _packed(form: _Format, cells: list[str]) -> bytes:
-    """The cells of a line as the numbers that were scaled to them; raises ValueError or struct.error for others."""
+    """The cells of a line as the numbers that were scaled to them; raises ValueError or OverflowError for others."""
     if len(cells) != len(form.letters):
         raise ValueError("a line of another length")
-    return form.layout.pack(*map(_value, form.letters, cells))
+    return np.array(tuple(map(_value, form.letters, cells)), form.layout).tobytes()
 
 
 def _value(letter: str, cell: str) -> int | float | bytes:
-    kind, factor = _LETTERS[letter]
-    if kind.endswith("s"):
-        return cell.encode()
+    kind, factor = LETTERS[letter]
+    if letter == "a":
+        return 0  # nothing reads arrays
     if letter == "M" and cell[:1].isalpha():
         return _NO_MODE  # Mission Planner writes its name; nothing reads modes
-    if not factor:
+    if kind.startswith("S"):
+        return cell.encode()
+    if "f" in kind:
         return float(cell)
-    if factor == 1.0 and cell.lstrip("-").isdigit():
+    if factor is None and cell.lstrip("-").isdigit():
         return int(cell)  # a time of a year in us is more than a float holds
-    return round(float(cell) / factor)
+    return round(float(cell) / (factor or 1.0))

@@ -63,7 +63,7 @@ from aircraft_sysid_ros.reconstruction.sparse_imu import LONG
 from aircraft_sysid_ros.reconstruction.state import StateField, Status, in_moving_air
 from aircraft_sysid_ros.reconstruction.state_estimator import StateEstimator
 from aircraft_sysid_ros.refinement.resampling import LONGEST_STEP, cubic, dense_rows, sharpened
-from aircraft_sysid_ros.samples import CONTROL_COLUMNS, SAME_FLIGHT, Kind, Samples, is_absurd
+from aircraft_sysid_ros.samples import CONTROL_COLUMNS, Kind, Samples, flight_at, is_absurd
 from aircraft_sysid_ros.stamps import nanoseconds
 
 Array = npt.NDArray[np.float64]
@@ -151,7 +151,7 @@ def record_of(aircraft: Aircraft, samples: Samples, rate: float, options: StateO
 def _corrected(aircraft: Aircraft, samples: Samples, times: Array, values: Array, states: Array) -> Array:
     """Values (n, …) without the stated errors of the air data; a drift begins with the first state [s] of a flight."""
     drift, values = Drift(aircraft), values.copy()
-    flight = np.cumsum((samples.kind == Kind.SEAM) & ~(samples.values[:, 0] <= SAME_FLIGHT))
+    flight = flight_at(samples)
     for number in range(int(flight.max(initial=0)) + 1):
         own = flight == number
         first = int(np.searchsorted(states, times[own].min(initial=np.inf)))

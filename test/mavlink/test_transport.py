@@ -70,8 +70,8 @@ def test_udp_answers_whoever_spoke():
         transport.close()
 
 
-def test_a_network_that_is_gone_for_a_while_lets_no_stranger_take_the_place_of_the_peer():
-    """What cannot be sent closed the port, and with it who is heard was forgotten: whoever spoke first was it then."""
+def held():
+    """An open port that holds the vehicle which it has heard, the vehicle, and a stranger to the same port."""
     port = free_port()
     ears, vehicle, stranger = (
         Transport(parse_address(f"{kind}:127.0.0.1:{port}")) for kind in ("udp", "udpout", "udpout")
@@ -81,6 +81,12 @@ def test_a_network_that_is_gone_for_a_while_lets_no_stranger_take_the_place_of_t
     vehicle.write(b"heartbeat")
     assert read_until(ears, 9) == b"heartbeat"
     ears.hold()
+    return ears, vehicle, stranger
+
+
+def test_a_network_that_is_gone_for_a_while_lets_no_stranger_take_the_place_of_the_peer():
+    """What cannot be sent closed the port, and with it who is heard was forgotten: whoever spoke first was it then."""
+    ears, vehicle, stranger = held()
 
     class Gone:
         """The socket, that reaches nobody."""
@@ -106,15 +112,7 @@ def test_a_network_that_is_gone_for_a_while_lets_no_stranger_take_the_place_of_t
 
 
 def test_only_the_peer_is_heard_and_answered_once_it_is_held():
-    port = free_port()
-    ears, vehicle, stranger = (
-        Transport(parse_address(f"{kind}:127.0.0.1:{port}")) for kind in ("udp", "udpout", "udpout")
-    )
-    for transport in (ears, vehicle, stranger):
-        transport.open()
-    vehicle.write(b"heartbeat")
-    assert read_until(ears, 9) == b"heartbeat"
-    ears.hold()
+    ears, vehicle, stranger = held()
     stranger.write(b"forged")
     vehicle.write(b"genuine")
     assert read_until(ears, 7) == b"genuine" and ears.foreign == 1
