@@ -35,6 +35,11 @@ class Sensor:
     lag: float = 0.0  # [s] time constant with which servos follow what is recorded of the control surfaces
     late_std: float = 0.0  # [s] one sigma of a delay or a lag of those that was found
 
+    @property
+    def noise_of_true(self) -> tuple[float, ...]:
+        """One sigma of what is left of a sample when the scale is taken off it."""
+        return tuple(one / self.scale for one in self.noise)
+
 
 #: A small UAV. Units of the noise: m/s^2, rad/s, rad, rad (of heading), m (N, E, D), m/s (N, E, D), m/s, rad,
 #: rad, Pa, Pa, rad, m.

@@ -130,7 +130,7 @@ def new_setup(
     """
     variance, given = np.ones((len(Kind), 3)), np.zeros(len(Kind), np.int64)
     for kind, name in SENSOR_OF_KIND.items():
-        variance[kind] = np.square(aircraft.sensors[name].noise)
+        variance[kind] = np.square(aircraft.sensors[name].noise_of_true)
         given[kind] = aircraft.sensors[name].noise_is_given
     declination = aircraft.magnetic_declination
     of_imu = [aircraft.sensors[name].noise_is_given for name in ("accelerometer", "gyro")]

@@ -92,17 +92,19 @@ def _of_kind(state: StateEstimator, setup: Setup, kind: Kind) -> SensorNoise:
     outputs = _AXES.get(kind, 1)
     channel = state.memory.noise[kind, :outputs]
     learnt, given = has_learnt(channel[0]), bool(setup.given[kind])
-    known = channel[:, BASE] > 0.0
-    base = np.where(known, channel[:, BASE], setup.variance[kind, :outputs])
+    name = SENSOR_OF_KIND[kind]
+    of_samples = state.aircraft.sensors[name].scale ** 2  # the filter has its noise with the scale taken off
+    said, known = setup.variance[kind, :outputs] * of_samples, channel[:, BASE] > 0.0
+    base = np.where(known, channel[:, BASE] * of_samples, said)
     shown = np.sqrt(base * channel[:, SCALE])
-    source = _source(given, learnt, bool(np.array_equal(base, setup.variance[kind, :outputs])))
+    source = _source(given, learnt, bool(np.array_equal(base, said)))
     slow = None
     if kind == Kind.ATTITUDE and learnt and not given and channel[:, COLOURED].any():
         slow = np.sqrt(base * [slow_part(one) for one in channel])
         slow = slow if slow.max() > _WORTH_A_NOTE else None
     in_use = np.sqrt(base) if given else shown
     white = np.sqrt(base * channel[:, WHITE])
-    return SensorNoise(SENSOR_OF_KIND[kind], in_use, source, (white if given else shown) if learnt else None, slow)
+    return SensorNoise(name, in_use, source, (white if given else shown) if learnt else None, slow)
 
 
 def _source(given: bool, learnt: bool, is_default: bool) -> str:

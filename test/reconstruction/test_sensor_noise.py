@@ -238,6 +238,27 @@ def test_a_stated_noise_that_the_flight_denies_is_used_and_said(flight, samples)
     assert any("airspeed" in note and "0.03" in note for note in noise_notes(state))
 
 
+@pytest.mark.parametrize("is_stated", [True, False])
+def test_of_a_sensor_with_a_scale_the_noise_is_that_of_what_it_shows(flight, samples, is_stated):
+    """Of samples and a noise that are twice as large, and say so by a scale, comes the same flight to the bit."""
+    kinds = {"airspeed": Kind.AIRSPEED, "angle_of_attack": Kind.ANGLE_OF_ATTACK, "sideslip": Kind.SIDESLIP}
+    stated = {name: {"noise": flight.aircraft.sensors[name].noise[0]} if is_stated else {} for name in kinds}
+    twice = {name: {key: 2.0 * noise for key, noise in said.items()} | {"scale": 2.0} for name, said in stated.items()}
+    shown = samples[:15000].values.copy()
+    shown[np.isin(samples.kind[:15000], list(kinds.values())), 0] *= 2.0
+    state, rows = flown(bare(flight.aircraft, sensors=stated), samples[:15000])
+    other, of_other = flown(
+        bare(flight.aircraft, sensors=twice), Samples(samples.stamp[:15000], samples.kind[:15000], shown)
+    )
+    if is_stated:
+        np.testing.assert_array_equal(of_other, rows)
+    noise, of_shown = ({each.name: each.in_use for each in found_noise(one)} for one in (state, other))
+    for name in noise:
+        # What is not stated begins at the default of what the sensor shows, and is then found.
+        expected = noise[name] * (2.0 if name in kinds else 1.0)
+        assert of_shown[name] == pytest.approx(expected, rel=1e-12 if is_stated else 0.05), name
+
+
 @pytest.mark.long
 def test_in_portions_of_any_size_it_is_the_same_to_the_bit(flight, samples):
     aircraft, part = bare(flight.aircraft), samples[:12000]

@@ -199,7 +199,7 @@ class FlowAngles:
         self._aircraft, self._gravity = aircraft, gravity
         self._tracks = np.zeros((len(VANES), _TRACK))
         for track, (_, sensor) in zip(self._tracks, VANES, strict=True):
-            track[_SQUARE] = track[_FIRST] = aircraft.sensors[sensor].noise[0] ** 2
+            track[_SQUARE] = track[_FIRST] = aircraft.sensors[sensor].noise_of_true[0] ** 2
         self._drift = Drift(aircraft)
         self.restart_clock()
 

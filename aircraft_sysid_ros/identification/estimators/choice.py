@@ -73,7 +73,7 @@ class EstimatorChoice:
     def __init__(self, aircraft: Aircraft, options: ParameterOptions, pace: Pace) -> None:
         """``pace`` of the states, which goes on."""
         self._options, self._pace = options, pace
-        self._of_vane = aircraft.sensors["angle_of_attack"].noise[0]
+        self._of_vane = aircraft.sensors["angle_of_attack"].noise_of_true[0]
         self._delays = stamp_delays(aircraft)
         self.begin_anew(aircraft)
 
