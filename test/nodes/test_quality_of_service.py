@@ -1,9 +1,11 @@
 """With default parameters a node matches every publisher of sensor data, and has room for what comes at once."""
 
+import re
+
 import pytest
 import yaml
 from rclpy.parameter import Parameter
-from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 from aircraft_sysid_ros.nodes import parameter_estimator, state_estimator
 from aircraft_sysid_ros.nodes.common import message_class, start
@@ -46,13 +48,15 @@ def test_every_input_is_heard_with_best_effort_and_a_depth_of_100(bench, default
     node = default_node(kind, **parameters)
     wanted = {f"/{topic}" for topic in inputs}
     heard = [each.subscription for each in node.inputs]
-    profiles = {s.topic_name: s.qos_profile for s in heard if s.topic_name in wanted}
+    volatile = [s for s in heard if s.qos_profile.durability == DurabilityPolicy.VOLATILE]
+    profiles = {s.topic_name: s.qos_profile for s in volatile if s.topic_name in wanted}
     assert profiles.keys() == wanted
     for topic, profile in profiles.items():
         assert (profile.reliability, profile.depth) == (ReliabilityPolicy.BEST_EFFORT, 100), topic
         bench.spin_until(lambda topic=topic: bench.helper.get_subscriptions_info_by_topic(topic), 10.0)
-        offered = bench.helper.get_subscriptions_info_by_topic(topic)
-        assert [info.qos_profile.reliability for info in offered] == [ReliabilityPolicy.BEST_EFFORT], topic
+        offered = [info.qos_profile for info in bench.helper.get_subscriptions_info_by_topic(topic)]
+        offered = [quality for quality in offered if quality.durability == DurabilityPolicy.VOLATILE]
+        assert [quality.reliability for quality in offered] == [ReliabilityPolicy.BEST_EFFORT], topic
 
 
 def test_publishers_of_both_kinds_are_heard(bench, default_node):
@@ -70,3 +74,24 @@ def test_publishers_of_both_kinds_are_heard(bench, default_node):
             )
             assert node.received[topic] > before, topic
             bench.helper.destroy_publisher(publisher)
+
+
+def test_a_mass_that_was_published_once_before_the_node_started_is_heard_once(bench, default_node):
+    """As a weighing before the flight is: latched, with an hour on the ground after it. What follows counts once."""
+    latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    kind = message_class(TOPICS["mass_properties"])
+    publisher = bench.helper.create_publisher(kind, "mass_properties", latched)
+    publisher.publish(kind(mass=4.5))
+    node = default_node(ParameterEstimatorNode)
+    bench.spin_until(lambda: node.received["mass_properties"] == 1, 20.0)
+    bench.spin_until(lambda: publisher.get_subscription_count() == 2, 20.0)
+    publisher.publish(kind(mass=4.25))
+    bench.spin_until(lambda: node.received["mass_properties"] == 2, 20.0)
+    other = bench.helper.create_publisher(kind, "mass_properties", QoSProfile(depth=1))
+    bench.spin_until(lambda: other.get_subscription_count() == 1, 20.0)
+    bench.say_until(lambda: other.publish(kind(mass=4.0)), lambda: node.received["mass_properties"] == 3)
+    assert [float(text) for message in node._masses for text in re.findall(r"mass=([0-9.]+)", message)] == [
+        4.5,
+        4.25,
+        4,
+    ]
