@@ -82,20 +82,27 @@ class Change:
     airframe: Airframe
 
 
-def fly(setup: Setup, plan: Plan, wind: Array, change: Change | None = None) -> Truth:
+def fly(setup: Setup, plan: Plan, wind: Array, changes: Sequence[Change] = ()) -> Truth:
     """Fly a plan (n equal steps) in a wind NED (n, 3) [m/s], from trim in the wind at the beginning.
 
-    Raises InputError when the aeroplane does not stay in the air.
+    ``changes`` by rising time. Raises InputError when the aeroplane does not stay in the air.
     """
-    after = change or Change(np.inf, setup.airframe)
-    step = float(plan.time[1] - plan.time[0])
-    start = setup.trim.state.copy()
-    start[VELOCITY : VELOCITY + 3] += wind[0]
-    log = _run(
-        setup.airframe, after.airframe, after.time, setup.place, setup.autopilot, start,
-        plan.controls, plan.bank, plan.airspeed, plan.height, plan.flaps, np.ascontiguousarray(wind), step,
-    )  # fmt: skip
-    truth = _truth(setup, plan.time, wind, *log)
+    step, wind = float(plan.time[1] - plan.time[0]), np.ascontiguousarray(wind)
+    state = setup.trim.state.copy()
+    state[VELOCITY : VELOCITY + 3] += wind[0]
+    flown = np.arange(len(wind)) * step
+    begins = [0, *np.searchsorted(flown, [change.time for change in changes], side="right").tolist()]
+    parts = []
+    for airframe, first, last in zip(
+        (setup.airframe, *(change.airframe for change in changes)), begins, [*begins[1:], len(wind)], strict=True
+    ):
+        if last > first:
+            part, state = _run(
+                airframe, setup.place, setup.autopilot, state, plan.controls, plan.bank, plan.airspeed, plan.height,
+                plan.flaps, wind, step, first, last,
+            )  # fmt: skip
+            parts.append(part)
+    truth = _truth(setup, plan.time, wind, *(np.concatenate(series) for series in zip(*parts, strict=True)))
     lost = ~np.isfinite(truth.airspeed) | (truth.height < 0.0) | (np.abs(truth.alpha) > 1.0)
     if lost.any():
         raise InputError(
@@ -107,29 +114,28 @@ def fly(setup: Setup, plan: Plan, wind: Array, change: Change | None = None) -> 
 
 @njit(cache=True)
 def _run(
-    before: Airframe, after: Airframe, change: float, ground: Place, pilot: Autopilot, start: Array,
-    additions: Array, bank: Array, airspeed: Array, height: Array, flaps: Array, wind: Array, step: float,
-) -> tuple[Array, ...]:  # fmt: skip
-    """States and what acts in them at every step."""
-    n = len(wind)
+    airframe: Airframe, ground: Place, pilot: Autopilot, start: Array, additions: Array, bank: Array, airspeed: Array,
+    height: Array, flaps: Array, wind: Array, step: float, first: int, last: int,
+) -> tuple[tuple[Array, ...], Array]:  # fmt: skip
+    """States and what acts in them at every step from the ``first`` until before the ``last``, and the state there."""
+    n = last - first
     states, signals = np.empty((n, len(start))), np.empty((n, SIGNAL_COUNT))
     force, acceleration, air_velocity = np.empty((n, 3)), np.empty((n, 3)), np.empty((n, 3))
     coefficients, thrust = np.empty((n, 6)), np.empty(n)
     state = start
-    for i in range(n):
-        following = wind[min(i + 1, n - 1)]
-        time = i * step
-        airframe = after if time > change else before
+    for i in range(first, last):
+        following = wind[min(i + 1, len(wind) - 1)]
+        time, k = i * step, i - first
         place = Place(ground.gravity, ground.altitude, ground.ground, flaps[i])
         acting = motion(airframe, place, state, wind[i], time)
-        states[i], signals[i], force[i] = state, acting.signals, acting.specific_force
-        acceleration[i], air_velocity[i] = acting.angular_acceleration, acting.air_velocity
-        coefficients[i], thrust[i] = acting.coefficients, acting.thrust
+        states[k], signals[k], force[k] = state, acting.signals, acting.specific_force
+        acceleration[k], air_velocity[k] = acting.angular_acceleration, acting.air_velocity
+        coefficients[k], thrust[k] = acting.coefficients, acting.thrust
         seen = state.copy()
         seen[POSITION + 2] += height[i]  # the autopilot holds height 0
         command = autopilot_controls(pilot, seen, acting.signals[_SPEED], bank[i], airspeed[i]) + additions[i]
         state = runge_kutta_step(airframe, place, state, command, wind[i], following, time, step)
-    return states, signals, force, acceleration, air_velocity, coefficients, thrust
+    return (states, signals, force, acceleration, air_velocity, coefficients, thrust), state
 
 
 def _truth(

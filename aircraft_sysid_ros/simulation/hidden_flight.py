@@ -37,8 +37,8 @@ def fly_hidden(setup: Setup, plan: Plan, wind: Array, hidden: Sequence[Hidden], 
             rates = setup.airframe.actuator_rates.copy()
             rates[:3] = 1.0 / effect.command_lag
             setup = replace(setup, airframe=setup.airframe._replace(actuator_rates=rates))
-    change = _change(setup, hidden)
-    return low_passes(plan, span, lambda p, drop: fly(_lowered(setup, drop), p, wind, change))
+    changes = _changes(setup, hidden)
+    return low_passes(plan, span, lambda p, drop: fly(_lowered(setup, drop), p, wind, changes))
 
 
 def low_passes(plan: Plan, span: float, attempt: Callable[[Plan, float], Truth], attempts: int = 5) -> Truth:
@@ -72,16 +72,16 @@ def _lowered(setup: Setup, by: float) -> Setup:
     return replace(setup, place=place, origin=setup.origin - [0.0, 0.0, by])
 
 
-def _change(setup: Setup, hidden: Sequence[Hidden]) -> Change | None:
-    changes = [effect for effect in hidden if effect.mass_factor != 1.0 or any(effect.cg_shift)]
-    if not changes:
-        return None
-    airframe = setup.airframe
-    for effect in changes:
+def _changes(setup: Setup, hidden: Sequence[Hidden]) -> list[Change]:
+    """Changes of mass and centre of gravity by rising time; each stays when the next one comes."""
+    of_mass = [effect for effect in hidden if effect.mass_factor != 1.0 or any(effect.cg_shift)]
+    airframe, changes = setup.airframe, []
+    for effect in sorted(of_mass, key=lambda effect: effect.inner["t0"]):
         airframe = airframe._replace(
             mass=airframe.mass * effect.mass_factor, reference=airframe.reference - np.array(effect.cg_shift)
         )
-    return Change(changes[0].inner["t0"], airframe)
+        changes.append(Change(effect.inner["t0"], airframe))
+    return changes
 
 
 def fast_aeroplane(aircraft: Aircraft) -> Aircraft:

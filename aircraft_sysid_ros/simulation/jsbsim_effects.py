@@ -211,12 +211,12 @@ def _point_masses(executive: Any) -> str:
 
 
 def change_mass(executive: Any, effect: Hidden, count: int) -> None:
-    """Set the weights that make the change; ``count`` point masses stand before those of ``edited_model``."""
+    """Add the weights that make the change; ``count`` point masses stand before those of ``edited_model``."""
     weight = float(executive["inertia/weight-lbs"])
     x, y, _ = effect.cg_shift  # structural x points aft, y right
     aft, right = -0.5 * x / _ARM, 0.5 * y / _ARM
     for i, part in enumerate((effect.mass_factor - 1.0, aft, -aft, right, -right)):
-        executive[f"inertia/pointmass-weight-lbs[{count + i}]"] = part * weight
+        executive[f"inertia/pointmass-weight-lbs[{count + i}]"] += part * weight
 
 
 class Adjustment:

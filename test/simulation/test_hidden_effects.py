@@ -15,7 +15,7 @@ from aircraft_sysid_ros.sensors.sensor_models import SensorOptions, first_order_
 from aircraft_sysid_ros.simulation.dynamics import trim_airspeed_of
 from aircraft_sysid_ros.simulation.hidden_effects import RECIPES, SIMULATED, hidden_effect, plans_of
 from aircraft_sysid_ros.simulation.jsbsim_flight import signals_of
-from aircraft_sysid_ros.simulation.simulated_flight import hidden_flight
+from aircraft_sysid_ros.simulation.simulated_flight import hidden_flight, simulate_samples
 from aircraft_sysid_ros.simulation.truth_files import truth_document
 from aircraft_sysid_ros.simulation.varied_plan import PLANS
 
@@ -101,6 +101,20 @@ def test_mass_and_centre_of_gravity_change_at_their_time():
     late = flight.truth.time > flight.hidden[0].inner["t0"]
     np.testing.assert_allclose(ratio[~late], 1.0, rtol=1e-9)
     np.testing.assert_allclose(ratio[late], 1.0 / flight.hidden[0].mass_factor, rtol=1e-9)
+
+
+def test_two_changes_of_the_mass_properties_each_come_at_their_own_time(aircraft):
+    flight = simulate_samples(aircraft, 3, 20.0, hidden=[("mass_change", 1.0), ("cg_shift", 1.0)], rate=100.0)
+    mass, shift = flight.hidden
+    assert abs(mass.inner["t0"] - shift.inner["t0"]) > 0.5
+    found, true, time = flight.apparent_coefficients, flight.truth.coefficients, flight.truth.time
+    ratio = np.where(time > mass.inner["t0"], mass.mass_factor, 1.0)
+    np.testing.assert_allclose(found[:, 2] * ratio, true[:, 2], rtol=1e-9)
+    heavy, before = found[:, :3] * ratio[:, None], time <= shift.inner["t0"]
+    assert shift.cg_shift[1:] == (0.0, 0.0)
+    off = found[:, 4] - true[:, 4]
+    np.testing.assert_allclose(off[before], 0.0, atol=1e-9)
+    np.testing.assert_allclose(off[~before], shift.cg_shift[0] / aircraft.chord * heavy[~before, 2], atol=1e-9)
 
 
 @pytest.mark.long

@@ -14,10 +14,11 @@ from aircraft_sysid_ros.aircraft.term_values import evaluate
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.simulation.dynamics import Effect
 from aircraft_sysid_ros.simulation.hidden_effects import Hidden
-from aircraft_sysid_ros.simulation.jsbsim_effects import SETTLING, edited_model
+from aircraft_sysid_ros.simulation.jsbsim_effects import SETTLING, change_mass, edited_model
 from aircraft_sysid_ros.simulation.jsbsim_flight import (
     ALPHA_DOT,
     FOOT,
+    INCH,
     POUND,
     log_row,
     set_flow_rates,
@@ -100,6 +101,19 @@ def test_mass_changes_at_its_time():
     before, after = flight.truth.time < change - 0.02, flight.truth.time > change + 0.02
     np.testing.assert_allclose(ratio[before], 1.0, rtol=1e-6)
     np.testing.assert_allclose(ratio[after], 1.0 / flight.hidden[0].mass_factor, rtol=1e-3)
+
+
+def test_one_change_of_the_mass_properties_leaves_the_one_before(tmp_path):
+    """Ten per cent of the mass gone, then the centre of gravity 2 cm aft: both are there, and the mass stays gone."""
+    lighter, aft = Hidden("mass_change", mass_factor=0.9), Hidden("cg_shift", cg_shift=(-0.02, 0.0, 0.0))
+    count = edited_model(trimmed(NAME), NAME, [lighter, aft], tmp_path)
+    executive = trimmed(NAME, tmp_path)
+    weight, place = executive["inertia/weight-lbs"], executive["inertia/cg-x-in"]
+    for effect in (lighter, aft):
+        change_mass(executive, effect, count)
+        executive.run()
+    assert executive["inertia/weight-lbs"] == pytest.approx(0.9 * weight, rel=1e-6)
+    assert executive["inertia/cg-x-in"] - place == pytest.approx(0.02 / INCH, rel=1e-3)  # points aft
 
 
 @pytest.mark.long
