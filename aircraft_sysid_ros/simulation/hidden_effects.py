@@ -108,6 +108,12 @@ class Hidden:
             "terms": [{"axis": t.axis, "expression": t.expression, "value": t.value} for t in self.terms],
             "native": [{"axis": axis, "expression": text} for axis, text in self.native],
             "settings": [{"key": list(path), "value": value} for path, value in self.settings],
+            "mass_factor": self.mass_factor,
+            "cg_shift": list(self.cg_shift),
+            "gust": list(self.gust),
+            "air_data_lag": self.air_data_lag,
+            "command_lag": self.command_lag,
+            "command_dead_time": self.command_dead_time,
         }
 
 

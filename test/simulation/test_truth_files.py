@@ -8,8 +8,10 @@ import pytest
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.recordings.reader import read_recording
 from aircraft_sysid_ros.sensors.sensor_models import SensorOptions
+from aircraft_sysid_ros.simulation.dynamics import Effect
+from aircraft_sysid_ros.simulation.hidden_effects import hidden_effect
 from aircraft_sysid_ros.simulation.simulated_flight import simulate_samples
-from aircraft_sysid_ros.simulation.truth_files import load_truth, truth_path, write_flight
+from aircraft_sysid_ros.simulation.truth_files import load_truth, true_values, truth_document, truth_path, write_flight
 
 
 @pytest.fixture(scope="module")
@@ -53,6 +55,24 @@ def test_truth_is_beside_the_recording(flown, bag, aircraft):
     np.testing.assert_allclose(np.diff(series["time"]), 0.02, atol=1e-9)
     assert series["gyro_bias"].shape == series["position"].shape
     assert min(stream.stamp[0] for stream in flown.streams) == series["stamp"][0]
+
+
+def test_the_truth_states_terms_that_were_asked_for(aircraft):
+    more = (Effect("CZ", "alpha", -1.0), Effect("CZ", "alpha ** 3", -5.0))
+    values = true_values(truth_document(simulate_samples(aircraft, 7, 20.0, effects=more, rate=100.0)))
+    assert values["CZ_alpha"] == aircraft.coefficients["CZ_alpha"] - 1.0
+    assert values["CZ_alpha3"] == -5.0
+    assert values["CZ_q"] == aircraft.coefficients["CZ_q"]
+
+
+@pytest.mark.parametrize("name", ["mass_change", "cg_shift", "wind_change", "air_data_lag", "actuator_lag"])
+def test_the_truth_states_the_size_of_what_is_no_term(aircraft, name):
+    effect = hidden_effect(name, 1.0, 3, 100.0, aircraft, aircraft.coefficients)
+    stated = json.loads(json.dumps(effect.document()))
+    assert stated["mass_factor"] == effect.mass_factor
+    assert (*stated["cg_shift"], *stated["gust"]) == (*effect.cg_shift, *effect.gust)
+    lags = ("air_data_lag", "command_lag", "command_dead_time")
+    assert [stated[lag] for lag in lags] == [getattr(effect, lag) for lag in lags]
 
 
 def test_truth_of_a_bare_file_is_beside_it(flown, tmp_path):
