@@ -181,7 +181,8 @@ class StateEstimatorNode(EstimatorNode):
         values["restarts"] = order.restarts
         values["state_listeners"] = self._state_publisher.get_subscription_count()
         status = self._silence_in_words() or STATUS_TEXT[self.estimator.status]
-        words = [*self.check.words, order.stamps_in_words, self.estimator.imu_in_words, order.gps_in_words, status]
+        clocks = order.stamps_in_words, self.estimator.imu_in_words, order.gps_in_words, order.ahead_in_words
+        words = [*self.check.words, *clocks, status]
         return "; ".join(filter(None, words)), values
 
     def _silence_in_words(self) -> str:

@@ -33,6 +33,9 @@ _NEVER = 1 << 62
 _MANY, _MOST_STAND = 50, 0.6
 #: Such a share of the GPS that is ahead is worth a word: it may run on while the IMU does not.
 _MOST_AHEAD = 0.5
+#: No driver holds the IMU back for so long [ns]: of so many samples each of which is stamped further ahead of the IMU
+#: than that when it comes, the clock is ahead.
+_CLOCK_AHEAD, _ENOUGH = NANOSECONDS // 2, 10
 #: Such a share of samples that came again is worth a word.
 _MOST_REPEATED = 0.01
 #: Stamps that step by more [s] begin another part, and one of fewer samples is wrong stamps.
@@ -51,6 +54,9 @@ class OrderCounts:
     repeated: npt.NDArray[np.int64] = field(default_factory=lambda: np.zeros(len(Kind), np.int64))
     #: By how much [ns] the least late of those that were late came too late.
     least_late: npt.NDArray[np.int64] = field(default_factory=lambda: np.full(len(Kind), _NEVER))
+    #: Samples that came when the IMU had shown the clock, and by how much [ns] the least early was ahead of it then.
+    clocked: npt.NDArray[np.int64] = field(default_factory=lambda: np.zeros(len(Kind), np.int64))
+    least_early: npt.NDArray[np.int64] = field(default_factory=lambda: np.full(len(Kind), _NEVER))
     #: By how much [ns] the least early of those that were ahead of all other sensors were.
     least_ahead: npt.NDArray[np.int64] = field(default_factory=lambda: np.full(len(Kind), _NEVER))
     standing: int = 0  # samples of the IMU with the stamp of the one before
@@ -92,6 +98,18 @@ class OrderCounts:
         return (
             f"{count} of {total} samples of the GPS are stamped {ahead:.1f} s or more ahead of the other sensors{leap}"
             ", and are left out: stamp them by the clock that stamps the IMU"
+        )
+
+    @property
+    def ahead_in_words(self) -> str:
+        """That sensors are stamped by a clock that is ahead of that of the IMU, and are used; empty: none are."""
+        early = (self.clocked >= _ENOUGH) & (self.least_early > _CLOCK_AHEAD) & (self.least_ahead == _NEVER)
+        listed = [f"{Kind(k).name.lower()} by {self.least_early[k] / NANOSECONDS:.1f} s" for k in np.flatnonzero(early)]
+        if not listed:
+            return ""
+        return (
+            f"stamps are ahead of those of the IMU that come with them ({', '.join(listed)} or more), so that they are "
+            "used at the wrong time: stamp all by one clock"
         )
 
     def far_behind(self, horizon: float) -> dict[Kind, float]:
@@ -223,6 +241,9 @@ class TimeOrder:
         np.add.at(self.counts.late, samples.kind[late], 1)
         np.minimum.at(self.counts.least_late, samples.kind[late], (due_at - taken)[late])
         np.add.at(self.counts.wrong_stamp, samples.kind[ahead], 1)
+        clocked = known & ~ahead & (samples.kind != Kind.IMU)
+        np.add.at(self.counts.clocked, samples.kind[clocked], 1)
+        np.minimum.at(self.counts.least_early, samples.kind[clocked], (samples.stamp - clock)[clocked])
         keep = ~(late | ahead)
         held = concatenate([self._held, Samples(taken[keep], samples.kind[keep], samples.values[keep])])
         imu = samples.stamp[samples.kind == Kind.IMU]

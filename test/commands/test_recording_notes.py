@@ -137,7 +137,7 @@ def test_places_that_the_aircraft_file_does_not_say_are_told(aircraft):
 def test_a_vane_that_contradicts_the_rest_may_sit_where_no_file_says(aircraft, says_where, held):
     """Of a boom of a sixth of the span all axes were held 30 times, and the place of the vane was not suspected."""
     shape = {key: value for key, value in aircraft.source.items() if says_where or key != "air_data_position"}
-    counts = SimpleNamespace(gps_in_words="", repeated_in_words="", restarts=0)
+    counts = SimpleNamespace(gps_in_words="", ahead_in_words="", repeated_in_words="", restarts=0)
     state = SimpleNamespace(
         aircraft=aircraft_from_dict(shape), counts=dict, order=SimpleNamespace(counts=counts), realignments=0
     )

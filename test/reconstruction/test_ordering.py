@@ -178,6 +178,23 @@ def test_gps_that_is_stamped_ahead_of_all_other_sensors_is_left_out_and_told(ahe
     assert ("GPS time is ahead of UTC" in words) is (ahead == 18.0)
 
 
+@pytest.mark.parametrize("block", [1, 1000])
+@pytest.mark.parametrize(
+    ("ahead", "late_imu", "is_told"), [(3.0, 0.0, True), (0.0, 0.3, False), (3.0, 0.3, True), (-3.0, 0.0, False)]
+)
+def test_a_sensor_whose_clock_is_ahead_of_that_of_the_imu_is_told(ahead, late_imu, is_told, block) -> None:
+    """Air data stamped 3 s ahead were used 3 s too late: all was HOLD, and nothing named the clock."""
+    time = np.arange(1000) * 0.01
+    air = replace(gps(time[::5] + ahead), kind=np.full(200, Kind.AIRSPEED))
+    arrivals = [(t + late_imu, imu([t])) for t in time] + [(t, air[[i]]) for i, t in enumerate(time[::5])]
+    samples = concatenate([each for _, each in sorted(arrivals, key=lambda pair: pair[0])])
+    order = TimeOrder(0.5, np.zeros(len(Kind)))
+    released(order, *[samples[i : i + block] for i in range(0, len(samples), block)])
+    words = order.counts.ahead_in_words
+    assert bool(words) is is_told and ("airspeed by 3." in words) is is_told
+    assert order.counts.wrong_stamp.sum() == 0
+
+
 def test_what_came_before_the_imu_with_no_stamp_is_of_no_clock() -> None:
     """GPS without a stamp that came first was taken for GPS that is there, and no state was ever begun."""
     order = TimeOrder(0.5, np.zeros(len(Kind)))
