@@ -39,7 +39,7 @@ from aircraft_sysid_ros.aircraft.configuration import Aircraft
 from aircraft_sysid_ros.aircraft.frames import euler_angles
 from aircraft_sysid_ros.call_arguments import Place, aircraft_of, options_by_name, place_of, text_of, text_path
 from aircraft_sysid_ros.diagnosis.model_versions import additions
-from aircraft_sysid_ros.diagnosis.model_versions.versions import folder_of, open_run
+from aircraft_sysid_ros.diagnosis.model_versions.versions import open_run, released_parameters
 from aircraft_sysid_ros.diagnosis.significance.parametric_bootstrap import COUNT
 from aircraft_sysid_ros.diagnosis.two_runs import SideBySide
 from aircraft_sysid_ros.errors import InputError, echo
@@ -50,7 +50,7 @@ from aircraft_sysid_ros.recordings.tabular.column_map import parse_column_map
 from aircraft_sysid_ros.recordings.tabular.signals import check_signal, unit_of
 from aircraft_sysid_ros.recordings.tabular.table_import import import_tables
 from aircraft_sysid_ros.report.diagnosis_figures import comparison_figure, errors_figure
-from aircraft_sysid_ros.run_reader import AIRCRAFT, UNREADABLE, not_a_run, read_parameters, read_points, read_state
+from aircraft_sysid_ros.run_reader import AIRCRAFT, UNREADABLE, not_a_run, read_points, read_state
 from aircraft_sysid_ros.samples import Kind
 
 if TYPE_CHECKING:
@@ -135,9 +135,12 @@ class Run:
 
     @property
     def parameters(self) -> pandas.DataFrame:
-        """Of the current version: value, std, status (USE, HOLD, REJECT) and reason, by name."""
+        """Of the current version: value, std, status (USE, HOLD, REJECT) and reason, by name.
+
+        What ``refine`` contradicts has HOLD.
+        """
         run = open_run(self.path)
-        listed = self._read(lambda folder: read_parameters(folder_of(run, run.current)))
+        listed = self._read(lambda folder: released_parameters(run, run.current))
         return _frame([{"name": name, **p} for name, p in listed.items()], "name")
 
     @property

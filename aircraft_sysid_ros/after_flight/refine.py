@@ -20,8 +20,8 @@ from aircraft_sysid_ros.diagnosis.model_versions.versions import (
 from aircraft_sysid_ros.effects.effect import with_setting
 from aircraft_sysid_ros.errors import InputError, echo
 from aircraft_sysid_ros.identification.conditions import listed
-from aircraft_sysid_ros.refinement.parameters import OTHERWISE
-from aircraft_sysid_ros.refinement.refine import FILTER_ERROR, METHODS, Refinement, RefineOptions, refine, with_options
+from aircraft_sysid_ros.refinement.refine import Refinement, RefineOptions, refine, with_options
+from aircraft_sysid_ros.refinement.refined_file import FILTER_ERROR, METHODS, OTHERWISE, refined_name
 from aircraft_sysid_ros.refinement.run_data import RunData
 from aircraft_sysid_ros.run_writer import write_json
 
@@ -73,11 +73,6 @@ def with_late_surfaces(data: RunData, late: Mapping[str, tuple[float, float]]) -
     return replace(data, aircraft=aircraft), [f"{late_words(late)}, as the flight shows: state what is known"]
 
 
-def refined_name(method: str) -> str:
-    """The file of a method, beside the aircraft file of its version."""
-    return f"refined-{method}.json"
-
-
 def _about(version: Version, current: Version) -> dict[str, Any]:
     """Which model is refined."""
     is_current = version.identifier == current.identifier
@@ -102,6 +97,6 @@ def refined_sentences(result: dict[str, Any]) -> list[str]:
     if other:
         sentences.append(
             f"{listed(other)} of the run do not agree with this fit beyond the errors of both: use neither value. "
-            "`export` and `gains` still take those of the run"
+            "`export` and `gains` take those of the run with HOLD"
         )
     return sentences

@@ -14,7 +14,8 @@ from aircraft_sysid_ros.after_flight.refine import refine_run, refined_sentences
 from aircraft_sysid_ros.commands.options import parameter_table
 from aircraft_sysid_ros.commands.pictures import picture_lines
 from aircraft_sysid_ros.commands.progress import telling
-from aircraft_sysid_ros.refinement.refine import FILTER_ERROR, METHODS, RefineOptions
+from aircraft_sysid_ros.refinement.refine import RefineOptions
+from aircraft_sysid_ros.refinement.refined_file import FILTER_ERROR, METHODS
 from aircraft_sysid_ros.report.refined_figure import draw_refined
 
 

@@ -22,11 +22,11 @@ from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.diagnosis.compare import Comparison
 from aircraft_sysid_ros.diagnosis.flight.flight_data import FlightData
 from aircraft_sysid_ros.diagnosis.model_versions.constants_of_forces import with_bias
-from aircraft_sysid_ros.diagnosis.model_versions.versions import Run, folder_of, settings_of
+from aircraft_sysid_ros.diagnosis.model_versions.versions import Run, released_parameters, settings_of
 from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.identification.trust import Trust
-from aircraft_sysid_ros.run_reader import UNREADABLE, read_parameters
+from aircraft_sysid_ros.run_reader import UNREADABLE
 from aircraft_sysid_ros.samples import same_imu
 
 Array = npt.NDArray[np.float64]
@@ -198,9 +198,9 @@ def _names(first: Run, second: Run) -> tuple[str, str]:
 
 
 def _learnt(run: Run) -> Learnt:
-    """Parameters as they were learnt, by name; nothing where the run does not say."""
+    """Parameters as they are released, by name; nothing where the run does not say."""
     try:
-        return read_parameters(folder_of(run, run.current))
+        return released_parameters(run, run.current)
     except UNREADABLE:  # said of that file
         return {}
 

@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 
 from aircraft_sysid_ros.aircraft.signals import SIGNAL_COUNT
-from aircraft_sysid_ros.diagnosis.model_versions.versions import Run, Version, folder_of
+from aircraft_sysid_ros.diagnosis.model_versions.versions import Run, Version, released_parameters
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.export.learnt_model import LearntModel, Parameter
 from aircraft_sysid_ros.identification.coefficients.as_loaded import as_loaded
 from aircraft_sysid_ros.identification.trust import Trust
-from aircraft_sysid_ros.run_reader import PARAMETERS, POINTS, UNREADABLE, not_a_run, read_parameters, read_points
+from aircraft_sysid_ros.run_reader import PARAMETERS, POINTS, UNREADABLE, not_a_run, read_points
 
 
 def learnt_model(run: Run, version: Version) -> LearntModel:
@@ -23,7 +23,7 @@ def learnt_model(run: Run, version: Version) -> LearntModel:
     """
     model = version.aircraft.model
     try:
-        listed, points = read_parameters(folder_of(run, version)), read_points(run.path)
+        listed, points = released_parameters(run, version), read_points(run.path)
     except UNREADABLE:
         if version.identifier == run.root.model.identifier:
             raise not_a_run(run.path) from None

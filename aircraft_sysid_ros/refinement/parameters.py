@@ -26,6 +26,7 @@ from aircraft_sysid_ros.flight_model.layout import (
 from aircraft_sysid_ros.identification.conditions import needs
 from aircraft_sysid_ros.identification.trust import Evidence, TrustRules, disagree, judge
 from aircraft_sysid_ros.refinement.record import FlightRecord
+from aircraft_sysid_ros.refinement.refined_file import says_otherwise
 
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
@@ -91,10 +92,6 @@ def without_information(covariance: Array, active: Mask, scales: Scales) -> int 
     return worst if effect[worst] > 1.0 else None
 
 
-#: Begin of the reason of a parameter that the run has with another value, and in USE.
-OTHERWISE = "equation error of the same flight says"
-
-
 def judged(
     model: AerodynamicModel,
     record: FlightRecord,
@@ -126,7 +123,7 @@ def judged(
             status, reason = verdict.status.name, verdict.reason
             other = run_parameters.get(name, {})
             if status == "USE" and _contradicts(other, theta[i], std[i], per_unit[i]):
-                status, reason = "HOLD", f"{OTHERWISE} {other['value']:.3g}"
+                status, reason = "HOLD", says_otherwise(other["value"])
         value = {"name": name, "value": float(theta[i]), "std": float(std[i]) if active[i] else None}
         found.append({**value, "status": status, "reason": reason})
     return found

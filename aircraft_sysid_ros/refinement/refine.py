@@ -34,7 +34,6 @@ from aircraft_sysid_ros.reconstruction.sparse_imu import LONG
 from aircraft_sysid_ros.refinement.filter_error import FilterModel, filter_error_fit
 from aircraft_sysid_ros.refinement.output_error import SegmentModel, output_error_fit
 from aircraft_sysid_ros.refinement.parameters import (
-    OTHERWISE,
     biases_json,
     difference_steps,
     estimable,
@@ -44,6 +43,7 @@ from aircraft_sysid_ros.refinement.parameters import (
     without_information,
 )
 from aircraft_sysid_ros.refinement.record import FlightRecord, record_of
+from aircraft_sysid_ros.refinement.refined_file import FILTER_ERROR, OTHERWISE
 from aircraft_sysid_ros.refinement.run_data import RunData
 from aircraft_sysid_ros.refinement.segments import Segment, segments_of
 from aircraft_sysid_ros.samples import Kind
@@ -52,8 +52,6 @@ Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 Progress = Callable[[int, float], None]
 
-OUTPUT_ERROR, FILTER_ERROR = "output-error", "filter-error"
-METHODS = (OUTPUT_ERROR, FILTER_ERROR)
 #: Where the estimation of the noise levels begins: gusts [m/s per sqrt(s)], rates [rad/s per sqrt(s)].
 _START_LEVELS = (0.3, 0.3, 0.05)
 #: Correlation of innovations that the standard errors allow for [s].

@@ -8,7 +8,7 @@ from typing import Any
 from nicegui import ui
 
 from aircraft_sysid_ros.after_flight.refine import refined_sentences
-from aircraft_sysid_ros.refinement.refine import FILTER_ERROR, METHODS, OUTPUT_ERROR
+from aircraft_sysid_ros.refinement.refined_file import FILTER_ERROR, METHODS, OUTPUT_ERROR
 from aircraft_sysid_ros.workbench import markup
 from aircraft_sysid_ros.workbench.panel import Html, Panel, card
 from aircraft_sysid_ros.workbench.worker import REFINE, UNDO, Job

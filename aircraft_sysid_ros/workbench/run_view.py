@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from aircraft_sysid_ros.after_flight.refine import refined_name
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
 from aircraft_sysid_ros.diagnosis.compare import Comparison, compare
 from aircraft_sysid_ros.diagnosis.flight.flight_data import AIRCRAFT, POINTS, FlightData
@@ -24,13 +23,14 @@ from aircraft_sysid_ros.diagnosis.model_versions.versions import (
     changed_at,
     folder_of,
     open_run,
+    released_parameters,
     settings_of,
     versions_of,
 )
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.identification.trust import Trust
 from aircraft_sysid_ros.recordings.tables import Table, read_table
-from aircraft_sysid_ros.refinement.refine import METHODS
+from aircraft_sysid_ros.refinement.refined_file import METHODS, refined_name
 from aircraft_sysid_ros.run_reader import DIAGNOSIS, ESTIMATES, PARAMETERS, SAMPLES, STATE, UNREADABLE, not_a_run
 from aircraft_sysid_ros.samples import Kind
 from aircraft_sysid_ros.simulation.truth_files import true_values, truth_path
@@ -261,9 +261,9 @@ def _labels(folder: Path, notes: list[str]) -> Labels:
 
 
 def _parameters(run: Run, version: Version) -> list[dict[str, Any]]:
-    """As in the parameters.json of a version; of the run itself for the root."""
+    """Of a version, of the run itself for the root: as in parameters.json, and HOLD where a refinement contradicts."""
     try:
-        return list(json.loads((folder_of(run, version) / PARAMETERS).read_text(encoding="utf8"))["parameters"])
+        return list(released_parameters(run, version).values())
     except UNREADABLE:
         return []
 

@@ -16,10 +16,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from aircraft_sysid_ros.after_flight.calibrate import SECTIONS
-from aircraft_sysid_ros.after_flight.refine import refined_name
 from aircraft_sysid_ros.diagnosis.model_versions.versions import Run, folder_of
 from aircraft_sysid_ros.errors import InputError
-from aircraft_sysid_ros.refinement.refine import METHODS
+from aircraft_sysid_ros.refinement.refined_file import METHODS, refined_name
 from aircraft_sysid_ros.text_file import write_whole
 from aircraft_sysid_ros.workbench.calibration_view import of_run
 

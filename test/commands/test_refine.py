@@ -68,7 +68,7 @@ def test_what_both_methods_say_differently_is_not_to_be_used_of_either():
     result = {"converged": True, "iterations": 3, "seconds_fitted": 60.0, "elapsed": 2.0, "worse": []}
     _, sentence = refined_sentences({**result, "parameters": parameters})
     assert sentence.startswith("Cm_q and CZ_q of the run do not agree with") and "use neither" in sentence
-    assert "`export` and `gains` still take those of the run" in sentence
+    assert "`export` and `gains` take those of the run with HOLD" in sentence
     assert len(refined_sentences({**result, "parameters": parameters[1:2]})) == 1
 
 

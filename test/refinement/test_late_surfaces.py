@@ -11,7 +11,7 @@ from aircraft_sysid_ros.after_flight.replay import replay
 from aircraft_sysid_ros.aircraft.configuration import aircraft_from_dict
 from aircraft_sysid_ros.commands.main import main
 from aircraft_sysid_ros.diagnosis.model_versions.versions import open_run, run_data
-from aircraft_sysid_ros.refinement.refine import METHODS
+from aircraft_sysid_ros.refinement.refined_file import METHODS
 from aircraft_sysid_ros.sensors.sensor_models import SensorOptions
 from aircraft_sysid_ros.simulation.simulated_flight import default_aircraft, simulate_samples
 from aircraft_sysid_ros.simulation.truth_files import write_flight

@@ -9,7 +9,8 @@ from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.flight_model.layout import make_theta
 from aircraft_sysid_ros.refinement.parameters import judged, scales_of
 from aircraft_sysid_ros.refinement.record import record_of
-from aircraft_sysid_ros.refinement.refine import FILTER_ERROR, OUTPUT_ERROR, RefineOptions, refine, with_options
+from aircraft_sysid_ros.refinement.refine import RefineOptions, refine, with_options
+from aircraft_sysid_ros.refinement.refined_file import FILTER_ERROR, OUTPUT_ERROR
 from aircraft_sysid_ros.samples import Kind
 
 MAIN = ("CZ_alpha", "Cm_alpha", "Cm_q", "Cm_de", "Cl_p", "Cl_da", "Cl_beta", "Cn_beta", "Cn_r", "Cn_dr", "CY_beta")

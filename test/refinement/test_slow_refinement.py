@@ -10,7 +10,8 @@ from slow_flights import all_thinned, fast_flight, file_of_users, thinned
 
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.refinement.record import record_of
-from aircraft_sysid_ros.refinement.refine import FILTER_ERROR, OUTPUT_ERROR, RefineOptions, refine
+from aircraft_sysid_ros.refinement.refine import RefineOptions, refine
+from aircraft_sysid_ros.refinement.refined_file import FILTER_ERROR, OUTPUT_ERROR
 from aircraft_sysid_ros.refinement.resampling import LONGEST_STEP
 from aircraft_sysid_ros.refinement.segments import segments_of
 from aircraft_sysid_ros.samples import Samples

@@ -8,9 +8,8 @@ import shutil
 
 import pytest
 
-from aircraft_sysid_ros.after_flight.refine import refined_name
 from aircraft_sysid_ros.commands.main import main
-from aircraft_sysid_ros.refinement.refine import METHODS
+from aircraft_sysid_ros.refinement.refined_file import METHODS, refined_name
 from aircraft_sysid_ros.workbench.calibration_view import RESULT, of_run
 from aircraft_sysid_ros.workbench.views.words import percent
 

@@ -47,6 +47,7 @@ from aircraft_sysid_ros.pipeline import Pipeline
 from aircraft_sysid_ros.reconstruction.absences import assumed_calm
 from aircraft_sysid_ros.reconstruction.options import StateOptions
 from aircraft_sysid_ros.reconstruction.ordering import flown_twice
+from aircraft_sysid_ros.refinement.refined_file import with_contradictions
 from aircraft_sysid_ros.refinement.run_data import RunData, load_run, load_run_aircraft
 from aircraft_sysid_ros.run_reader import (
     PARAMETERS,
@@ -312,6 +313,15 @@ def folder_to_write(run: Run, version: Version) -> Path:
     if not os.access(folder, os.W_OK | os.X_OK):
         raise InputError(f"cannot write to {folder}: change its permissions")
     return folder
+
+
+def released_parameters(run: Run, version: Version) -> dict[str, dict[str, Any]]:
+    """Parameters of a version by name, as in its parameters.json, and with HOLD where a refinement contradicts them.
+
+    Raises UNREADABLE.
+    """
+    folder = folder_of(run, version)
+    return with_contradictions(folder, read_parameters(folder))
 
 
 def run_data(run: Run, version: Version) -> RunData:
