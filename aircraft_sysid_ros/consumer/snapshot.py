@@ -64,7 +64,7 @@ class Snapshot:
 
 
 def snapshot_of(stamp: int, content: Mapping[str, Any]) -> Snapshot:
-    """A snapshot of the content of a message, as ``recordings.output_messages.parameters_content`` has it.
+    """A snapshot of the content of a message, as ``ros_messages.output_messages.parameters_content`` has it.
 
     Raises InputError, with one sentence, for what no estimator may send: something missing or of another type,
     repeated names, a covariance of another size, an unknown status, limits in the wrong order, and USE for what is not
@@ -138,7 +138,8 @@ def _check_content(s: Snapshot) -> None:
         if not (np.isfinite(value) and np.isfinite(std) and std > 0.0):
             raise InputError(f"{name} has USE with the value {value:g} ± {std:g}")
         low, high = physical_bounds(name)
-        if value - 2.0 * std > high or value + 2.0 * std < low or std > high - low:
+        surely = value - 2.0 * std > high or value + 2.0 * std < low or std > high - low
+        if surely and not low <= value <= high:
             raise InputError(f"{name} has USE with {value:g} ± {std:g}, and aeroplanes have {low:g} to {high:g}")
 
 

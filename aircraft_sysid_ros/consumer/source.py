@@ -42,6 +42,7 @@ from aircraft_sysid_ros.stamps import NANOSECONDS
 
 Array = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]
+Bools = npt.NDArray[np.bool_]
 
 _NEVER = np.iinfo(np.int64).min
 _NO_PLACE = "the table of flight conditions is not used: the newest message came without a flight condition"
@@ -194,7 +195,7 @@ class ParameterSource:
         self._status[:], self._texts = int(Trust.HOLD), [f"the model {s.model} does not have it"] * len(self.names)
         for i, j in pairs:
             self._status[i], self._texts[i] = s.status[j], s.reasons[j]
-        self._hold_axes(s, pairs)
+        self._hold_axes(s, pairs, condition)
         mine, theirs = pairs[self._status[pairs[:, 0]] == Trust.USE].T
         self._good[mine], self._good_std[mine] = s.values[theirs], s.std[theirs]
         self._good_stamp[mine] = s.stamp
@@ -205,11 +206,10 @@ class ParameterSource:
             self._has_place = self.table.add(self._good, self._good_std, age, condition)
             self.warning = "" if self._has_place else _NO_PLACE
 
-    def _hold_axes(self, s: Snapshot, pairs: Integers) -> None:
+    def _hold_axes(self, s: Snapshot, pairs: Integers, condition: Condition) -> None:
         """USE becomes HOLD in axes of which what is kept contradicts what is published."""
-        known = (self._good_stamp != _NEVER) & (self._status != Trust.REJECT)
-        kept = np.where(known, self._good, self._prior)
-        kept_std = np.where(known, self._good_std, self._prior_std)
+        flown = np.array(condition)
+        kept, kept_std, _ = self._kept(self._doubts(s.stamp, flown), flown)
         for i, j in pairs[~s.usable[pairs[:, 1]]]:
             off = abs(kept[i] - s.values[j])
             if off > CONTRADICTION * np.hypot(kept_std[i], s.std[j]):  # never with NaN
@@ -256,24 +256,32 @@ class ParameterSource:
         """Where the values are going: value, std, origin (n,) and reasons."""
         status, texts = self._status, self._texts.copy()
         fresh = self.newest is not None and abs(now - self.newest.stamp) <= self.rules.silence * NANOSECONDS
-        known = self._good_stamp != _NEVER
-        age = (now - np.where(known, self._good_stamp, now)) / NANOSECONDS
-        outside = self._outside(condition)
-        old = np.abs(age) > self.rules.longest_hold
         said = np.isfinite(self._low) | np.isfinite(self._high)
         unknown = np.any(np.isnan(condition) & said, axis=1)
-        is_good = known & (status != Trust.REJECT) & ~old & ~outside
+        known, old, outside = doubts = self._doubts(now, condition)
+        value, std, is_good = self._kept(doubts, condition)
         is_live = is_good & (status == Trust.USE) & fresh & ~unknown
         origin = np.where(is_live, int(Origin.LIVE), np.where(is_good, int(Origin.HELD), int(Origin.PRIOR)))
+        for i in np.flatnonzero(~is_live).tolist():
+            texts[i] = self._reason(i, Trust(int(status[i])), texts[i], now, (known[i], old[i], outside[i], unknown[i]))
+        return value, std, origin, tuple(texts)
+
+    def _doubts(self, now: int, condition: Array) -> tuple[Bools, Bools, Bools]:
+        """Of which parameters (n,) there is a good value, which is too old, and which was learnt too far away."""
+        known = self._good_stamp != _NEVER
+        age = (now - np.where(known, self._good_stamp, now)) / NANOSECONDS
+        return known, np.abs(age) > self.rules.longest_hold, self._outside(condition)
+
+    def _kept(self, doubts: tuple[Bools, Bools, Bools], condition: Array) -> tuple[Array, Array, Bools]:
+        """Good values in a condition, or those of before the flight, with standard errors; which (n,) are good ones."""
+        known, old, outside = doubts
+        is_good = known & (self._status != Trust.REJECT) & ~old & ~outside
         good, good_std = self._good, self._good_std
         if self.table is not None and self._has_place:
             good, good_std = self.table.at(condition, good, good_std)
-        for i in np.flatnonzero(~is_live).tolist():
-            texts[i] = self._reason(i, Trust(int(status[i])), texts[i], now, (known[i], old[i], outside[i], unknown[i]))
-        value = np.where(is_good, good, self._prior)
-        return value, np.where(is_good, good_std, self._prior_std), origin, tuple(texts)
+        return np.where(is_good, good, self._prior), np.where(is_good, good_std, self._prior_std), is_good
 
-    def _outside(self, condition: Array) -> npt.NDArray[np.bool_]:
+    def _outside(self, condition: Array) -> Bools:
         """Which good values (n,) were learnt too far from ``condition`` (3,); limits that are NaN limit nothing."""
         margin = np.array([self.rules.airspeed_margin, self.rules.angle_margin, self.rules.angle_margin])
         return np.any((condition < self._low - margin) | (condition > self._high + margin), axis=1)

@@ -65,6 +65,28 @@ def test_an_axis_that_does_not_fit_together_is_held(source, content):
     assert (values["Cm_de"].origin, values["Cm_alpha"].origin) == (Origin.LIVE, Origin.HELD)
 
 
+def test_an_axis_of_which_a_part_falls_back_to_what_does_not_fit_is_not_live(content):
+    """C_m,alpha was learnt at low speed alone, or long ago: what is answered of it is the a-priori value."""
+    learnt = {"values": (-0.03, -3.0, -0.85)}  # and a priori -1.0 ± 0.3
+    fast = {"airspeed_min": 15.0, "airspeed_max": 30.0}
+    source = ParameterSource(PRIORS, AT_ONCE)
+    source.offer(SECOND, content(**learnt))
+    source.at(2 * SECOND, Condition(28.0, 0.05))
+    source.offer(2 * SECOND, content(status=(0, 1, 0), **learnt, **fast))
+    values = source.at(2 * SECOND, Condition(28.0, 0.05))
+    assert {values[name].origin for name in NAMES} == {Origin.PRIOR}
+    source = ParameterSource(PRIORS, Rules(blend_time=0.0, longest_hold=100.0))
+    source.offer(SECOND, content(**learnt))
+    for second in (60, 150):
+        source.at(second * SECOND, HERE)
+        source.offer(second * SECOND, content(status=(0, 1, 0), **learnt))
+        values = source.at(second * SECOND, HERE)
+        assert (values["Cm_0"].origin == Origin.LIVE) == (values["Cm_alpha"].origin == Origin.HELD) == (second == 60)
+    assert "Cm_alpha is kept at -1 and published as -3 ± 0.02" in values["Cm_0"].reason
+    source.offer(151 * SECOND, content(**learnt))
+    assert set(source.at(151 * SECOND, HERE).origin[:3]) == {Origin.LIVE}  # known again
+
+
 def test_another_axis_does_not_matter(content):
     names = ("Cl_p", "Cm_alpha", "Cm_de")
     source = ParameterSource({name: Prior(-0.5, 0.1) for name in names}, AT_ONCE)
