@@ -28,13 +28,14 @@ BRIDGED = ["air_data", "control_surfaces", "inputs"]
 ARGUMENTS = {
     "params_file": ("", "parameters (YAML): config/params.yaml"),
     "aircraft_file": ("", "path of the aircraft file (YAML)"),
-    "calibration_file": ("", "path of the calibration file of the outputs (YAML)"),
+    "servo_file": ("", "path of the file that says which output turns which surface (YAML)"),
+    "calibration_file": ("", "the old name of servo_file"),
     "namespace": ("", "of the nodes and their topics"),
     "mavros": ("/mavros", "namespace of MAVROS"),
     "connection": ("udp:127.0.0.1:14555", "where MAVROS forwards MAVLink to: its gcs_url"),
     "autostart": ("", "false: a lifecycle manager configures and activates the nodes"),
 }
-ESTIMATOR, BRIDGE = ("aircraft_file", "autostart"), ("connection", "calibration_file", "autostart")
+ESTIMATOR, BRIDGE = ("aircraft_file", "autostart"), ("connection", "servo_file", "calibration_file", "autostart")
 TRUTH = {"true": True, "false": False}
 
 

@@ -14,14 +14,17 @@ from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import LifecycleNode
 
 ARGUMENTS = {
-    "servo_file": ("", "path of the calibration file of the outputs (YAML); without it no control surfaces"),
+    "servo_file": (
+        "",
+        "path of the file that says which output turns which surface (YAML); without it no control surfaces",
+    ),
     "prefix": ("", "where the agent publishes, relative to the namespace; by default fmu/out"),
     "params_file": ("", "parameters (YAML): config/params.yaml"),
     "namespace": ("", "of the nodes and their topics"),
     "autostart": ("", "false: a lifecycle manager configures and activates the nodes"),
 }
-#: Parameter of the bridge: argument.
-GIVEN = {"calibration_file": "servo_file", "prefix": "prefix", "autostart": "autostart"}
+#: Arguments that are parameters of the bridge.
+GIVEN = ("servo_file", "prefix", "autostart")
 TRUTH = {"true": True, "false": False}
 PATIENCE = "60"
 
@@ -39,7 +42,7 @@ def generate_launch_description() -> LaunchDescription:
 def bridge(context: LaunchContext) -> list[LifecycleNode]:
     """The bridge, with the parameters that were given."""
     given = {name: LaunchConfiguration(name).perform(context) for name in ARGUMENTS}
-    values = {name: TRUTH.get(given[of], given[of]) for name, of in GIVEN.items() if given[of]}
+    values = {name: TRUTH.get(given[name], given[name]) for name in GIVEN if given[name]}
     return [
         LifecycleNode(
             package="aircraft_sysid_ros",

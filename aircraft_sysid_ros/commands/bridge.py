@@ -189,7 +189,7 @@ def _node_arguments(args: argparse.Namespace) -> dict[str, Any]:
 
     values = {
         "connection": args.connection,
-        "calibration_file": args.servos or "",
+        "servo_file": args.servos or "",
         "peer": args.peer,
         "signing_key_file": args.signing_key,
         "system": args.system,

@@ -49,7 +49,7 @@ def node(args: argparse.Namespace) -> Callable[[], Any]:
     check_definitions()
     values = {
         "prefix": prefix,
-        "calibration_file": args.servos or "",
+        "servo_file": args.servos or "",
         "topics": args.topics or [""],
     }
     overrides = [Parameter(name, value=value) for name, value in values.items()]

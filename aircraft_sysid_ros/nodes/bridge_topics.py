@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -10,8 +10,9 @@ from aircraft_sysid_msgs.msg import AirData, ControlSurfaces
 from rclpy.qos import QoSProfile
 
 from aircraft_sysid_ros.mavlink.assembler import ALL_TOPICS, KNOWN_TOPICS, Output, only_known_topics
-from aircraft_sysid_ros.mavlink.servo_mapping import ServoMapping
+from aircraft_sysid_ros.mavlink.servo_mapping import ServoMapping, load_servo_mapping
 from aircraft_sysid_ros.nodes import common
+from aircraft_sysid_ros.nodes.options import NodeOption
 from aircraft_sysid_ros.ros_messages.conversion import INPUTS_TOPIC
 
 _VECTORS = {3: ("x", "y", "z"), 4: ("x", "y", "z", "w")}
@@ -26,6 +27,31 @@ def listed(values: Sequence[str]) -> list[str]:
 def check_topics(topics: Sequence[str]) -> None:
     """Raises InputError for a topic that no bridge publishes."""
     only_known_topics(listed(topics), "the parameter topics names")
+
+
+def servo_options(option: Callable[..., NodeOption]) -> dict[str, NodeOption]:
+    """The parameters that name the file of the servos, by its name and by the one that `calibrate` writes has, too."""
+    check = _check_mapping
+    return {
+        "servo_file": option(
+            "", "Path of the file that says which output turns which surface (YAML); without one, no control surfaces.",
+            check=check,
+        ),
+        "calibration_file": option("", "The old name of servo_file.", check=check),
+    }  # fmt: skip
+
+
+def _check_mapping(path: str) -> None:
+    if path:
+        load_servo_mapping(path)
+
+
+def servo_mapping(values: Mapping[str, Any], warn: Callable[[str], Any]) -> ServoMapping:
+    """What ``servo_options`` name; raises InputError where it cannot be read."""
+    if values["calibration_file"]:
+        warn("calibration_file of a bridge is now called servo_file: it is another file than the one of the estimators")
+    path = values["servo_file"] or values["calibration_file"]
+    return load_servo_mapping(path) if path else ServoMapping()
 
 
 class BridgeTopics:

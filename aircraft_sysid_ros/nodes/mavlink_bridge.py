@@ -20,12 +20,11 @@ from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.mavlink.back_channel import BackChannel, Known, Wind
 from aircraft_sysid_ros.mavlink.back_options import BackOptions
 from aircraft_sysid_ros.mavlink.bridge import STEP, Bridge
-from aircraft_sysid_ros.mavlink.servo_mapping import ServoMapping, load_servo_mapping
 from aircraft_sysid_ros.mavlink.session import Session
 from aircraft_sysid_ros.mavlink.signing import load_key
 from aircraft_sysid_ros.mavlink.transport import Transport, parse_address
 from aircraft_sysid_ros.nodes import common
-from aircraft_sysid_ros.nodes.bridge_topics import BridgeTopics, check_topics, listed
+from aircraft_sysid_ros.nodes.bridge_topics import BridgeTopics, check_topics, listed, servo_mapping, servo_options
 from aircraft_sysid_ros.nodes.options import AUTOSTART, ConfigurableNode, NodeOption, When, node_options
 from aircraft_sysid_ros.option import options_of
 from aircraft_sysid_ros.ros_messages.conversion import ned_from_enu
@@ -48,11 +47,7 @@ OPTIONS: dict[str, NodeOption] = {
         "udp:HOST:PORT listens; udpout:HOST:PORT, tcp:HOST:PORT, serial:DEVICE:BAUD.",
         check=parse_address,
     ),
-    "calibration_file": _of_link(
-        "",
-        "Path of the calibration file (YAML); without one, no control surfaces.",
-        check=lambda path: load_servo_mapping(path) if path else None,
-    ),
+    **servo_options(_of_link),
     "peer": _of_link("", "The only host that is heard on UDP; empty: whoever sends the vehicle's first heartbeat."),
     "signing_key_file": _of_link(
         "",
@@ -91,8 +86,7 @@ class MavlinkBridgeNode(ConfigurableNode):
     def configure(self, values: Mapping[str, Any]) -> None:
         """Read the calibration, open the connection, create publishers."""
         self.failure = None
-        path = values["calibration_file"]
-        mapping = load_servo_mapping(path) if path else ServoMapping()
+        mapping = servo_mapping(values, self.get_logger().warning)
         transport = Transport(parse_address(values["connection"]), values["peer"])
         key = load_key(values["signing_key_file"]) if values["signing_key_file"] else None
         session = Session(mapping, values["system"] or None, key)

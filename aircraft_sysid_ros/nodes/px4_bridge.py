@@ -22,9 +22,8 @@ from rclpy.validate_full_topic_name import validate_full_topic_name
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.mavlink.px4_listener import FMU_OUT, PACKAGE, Px4Listener, named, wanted_fields
 from aircraft_sysid_ros.mavlink.px4_table import PX4
-from aircraft_sysid_ros.mavlink.servo_mapping import ServoMapping, load_servo_mapping
 from aircraft_sysid_ros.nodes import common
-from aircraft_sysid_ros.nodes.bridge_topics import BridgeTopics, check_topics
+from aircraft_sysid_ros.nodes.bridge_topics import BridgeTopics, check_topics, servo_mapping, servo_options
 from aircraft_sysid_ros.nodes.options import AUTOSTART, ConfigurableNode, NodeOption, When
 
 #: The agent publishes best effort; so many messages of a topic may wait.
@@ -37,11 +36,7 @@ OPTIONS: dict[str, NodeOption] = {
         FMU_OUT,
         "Where the agent publishes, relative to the node's namespace; with a leading / from the root: /px4_1/fmu/out.",
     ),
-    "calibration_file": _of_topics(
-        "",
-        "Path of the calibration file (YAML); without one, no control surfaces.",
-        check=lambda path: load_servo_mapping(path) if path else None,
-    ),
+    **servo_options(_of_topics),
     "topics": _of_topics([""], "Publish these topics only, such as air_data; empty: all.", check=check_topics),
     "autostart": AUTOSTART,
 }
@@ -68,8 +63,7 @@ class Px4BridgeNode(ConfigurableNode):
         except InputError as error:
             self.failure = error
             raise
-        path = values["calibration_file"]
-        mapping = load_servo_mapping(path) if path else ServoMapping()
+        mapping = servo_mapping(values, self.get_logger().warning)
         self.link = Px4Listener(mapping, lambda: self.get_clock().now().nanoseconds)
         self._topics = BridgeTopics(self, values["topics"], mapping)
         self._diagnostics = self.create_lifecycle_publisher(DiagnosticArray, "/diagnostics", 10)

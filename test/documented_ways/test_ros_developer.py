@@ -205,7 +205,7 @@ def bridged(user, bench):
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         probe.bind(("127.0.0.1", 0))
         connection = f"udp:127.0.0.1:{probe.getsockname()[1]}"
-    given = {"connection": connection, "calibration_file": "config/mavlink_simulator_servos.yaml"}
+    given = {"connection": connection, "servo_file": "config/mavlink_simulator_servos.yaml"}
     _, _, executable, *words = user.told("bridge").words[1:]
     words = [f"{name}:={given[name]}" if colon else name for name, colon, _ in (w.partition(":=") for w in words)]
     with user.open_terminal("bridge", [str(EXECUTABLES / executable), *words]) as running:

@@ -17,7 +17,7 @@ from rclpy.parameter import Parameter as RosParameter
 from sensor_msgs.msg import Imu, JointState
 
 from aircraft_sysid_ros.mavlink.assembler import ALL_TOPICS
-from aircraft_sysid_ros.mavlink.servo_mapping import load_servo_mapping
+from aircraft_sysid_ros.mavlink.servo_mapping import ServoMapping, load_servo_mapping
 from aircraft_sysid_ros.mavlink.transport import Transport, parse_address
 from aircraft_sysid_ros.nodes import common, mavlink_bridge
 from aircraft_sysid_ros.nodes.mavlink_bridge import MavlinkBridgeNode
@@ -71,7 +71,7 @@ def flying(aircraft):
 @pytest.mark.long
 def test_an_autopilot_on_our_topics_and_back(bench, flying):
     flight, port = flying
-    values = {"connection": f"udp:127.0.0.1:{port}", "calibration_file": str(CALIBRATION)}
+    values = {"connection": f"udp:127.0.0.1:{port}", "servo_file": str(CALIBRATION)}
     node = bench.node(MavlinkBridgeNode, **values, back_parameters=["CZ_alpha", "Cm_alpha"], back_wind_rate=5.0)
     heard = {
         topic: bench.listen(kind, topic)
@@ -173,7 +173,7 @@ def test_named_inputs_are_published_as_terms_read_them(bench, flying, tmp_path):
     number = next(n for n, output in content["outputs"].items() if output["surface"] == "elevator")
     content["outputs"][number]["input"] = "stabiliser"
     (tmp_path / "servos.yaml").write_text(yaml.safe_dump(content))
-    values = {"connection": f"udp:127.0.0.1:{port}", "calibration_file": str(tmp_path / "servos.yaml")}
+    values = {"connection": f"udp:127.0.0.1:{port}", "servo_file": str(tmp_path / "servos.yaml")}
     node = bench.node(MavlinkBridgeNode, **values)
     named, surfaces = bench.listen(JointState, "inputs"), bench.listen(ControlSurfaces, "control_surfaces")
     assert common.start(node)
@@ -200,7 +200,7 @@ def test_topics_can_be_left_to_others(bench, flying):
     ("parameters", "text"),
     [
         ({"connection": "nonsense"}, "not understood"),
-        ({"calibration_file": "nowhere.yaml"}, "cannot read the calibration file"),
+        ({"servo_file": "nowhere.yaml"}, "cannot read the calibration file"),
         ({"topics": ["imu"]}, "the parameter topics names imu"),
         ({"back_form": "json", "back_parameters": ["CZ_0"]}, "named or array"),
     ],
@@ -210,6 +210,15 @@ def test_a_node_that_cannot_be_configured_says_why(bench, capfd, parameters, tex
     node = bench.node(MavlinkBridgeNode, **values)
     assert node.trigger_configure() == TransitionCallbackReturn.FAILURE
     assert text in capfd.readouterr().err
+
+
+def test_the_old_name_of_the_servo_file_works_with_a_word_of_warning(bench, capfd):
+    """A calibration_file is what `calibrate` writes, to the estimators: one name in one launch meant two files."""
+    values = {"connection": f"udp:127.0.0.1:{free_port()}", "calibration_file": str(CALIBRATION)}
+    node = bench.node(MavlinkBridgeNode, **values)
+    assert node.trigger_configure() == TransitionCallbackReturn.SUCCESS
+    assert repr(node.link.mapping) == repr(load_servo_mapping(CALIBRATION)) != repr(ServoMapping())
+    assert "servo_file" in capfd.readouterr().err
 
 
 def test_a_link_that_could_not_be_opened_at_first_has_not_failed_later(bench):
