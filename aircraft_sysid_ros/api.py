@@ -360,8 +360,9 @@ def record(
 ) -> Recording:  # fmt: skip
     """Tables of pandas as a recording: columns are signals by the names of the MAP of an import, in SI and radians.
 
-    The index of each is its time [s]; frames of sensors that come at different times are given as a list. ``clock``:
-    what time 0 is, as in a MAP; without it stamps begin in the year 2000. Raises InputError.
+    The index of each is its time: numbers [s], times since a start, or dates, in UTC where they name no zone. Frames of
+    sensors that come at different times are given as a list. ``clock``: what time 0 is, as in a MAP; without it stamps
+    begin in the year 2000. Raises InputError.
     """
     pandas, place = _pandas(), place_of(out)
     listed = [frames] if isinstance(frames, pandas.DataFrame) else frames
@@ -373,19 +374,29 @@ def record(
             for name in frame.columns:
                 check_signal(str(name))
             named = f"table_{number}.parquet"
-            timed = frame.assign(**{"time [s]": _seconds(frame.index)})
+            timed = frame.assign(time=_times(frame.index))
             timed.columns = [str(name) for name in timed.columns]
-            timed.reset_index(drop=True).to_parquet(Path(folder) / named, index=False)
+            try:
+                timed.reset_index(drop=True).to_parquet(Path(folder) / named, index=False)
+            except (ValueError, TypeError, NotImplementedError) as error:  # pyarrow's, which name the column
+                why = echo(" ".join(map(str, error.args)), 200)
+                raise InputError(f"a table cannot be recorded: {why}: give columns of numbers, each once") from None
             signals = {str(c): {"column": str(c), "unit": unit_of(str(c)) or "1"} for c in frame.columns}
-            tables.append({"file": named, "time": {"column": "time [s]", "unit": "s"}, "signals": signals})
+            unit = "iso" if timed["time"].dtype.kind == "M" else "s"
+            tables.append({"file": named, "time": {"column": "time", "unit": unit}, "signals": signals})
         content = {"tables": tables, **({"clock": clock} if clock else {})}
         text = yaml.safe_dump(content, sort_keys=False, allow_unicode=True)
         report = import_tables(Path(folder), parse_column_map(text), place, overwrite=overwrite)
     return Recording(place, {**report, "log": "pandas", "format": "pandas"})
 
 
-def _seconds(index: pandas.Index) -> np.ndarray:
-    """The index of a table as its time. Raises InputError."""
+def _times(index: pandas.Index) -> Any:
+    """The index of a table as its time: dates as they are, in UTC, all else in seconds. Raises InputError."""
+    pandas = _pandas()
+    if isinstance(index, pandas.DatetimeIndex):
+        return index if index.tz is None else index.tz_convert("UTC").tz_localize(None)
+    if isinstance(index, pandas.TimedeltaIndex):
+        return index.total_seconds()
     try:
         return np.asarray(index, dtype=np.float64)
     except (TypeError, ValueError):

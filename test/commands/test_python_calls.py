@@ -98,6 +98,37 @@ def test_a_table_without_times_is_not_recorded(tmp_path):
     assert not Path(tmp_path, "run").exists()
 
 
+def still(pandas, index):
+    """A second of an IMU at rest."""
+    columns = [f"{v}.{a}" for v in ("specific_force", "angular_velocity") for a in "xyz"]
+    return pandas.DataFrame(np.tile([0.0, 0.0, -9.8, 0.0, 0.0, 0.0], (len(index), 1)), index, columns)
+
+
+@pytest.mark.parametrize("kind", ["seconds", "since a start", "dates", "dates of a zone"])
+def test_the_times_of_an_index_of_pandas_are_what_they_are(kind, tmp_path):
+    """Times since a start were taken for nanoseconds, in seconds; dates were refused as a unit of a map."""
+    pandas = pytest.importorskip("pandas")
+    since, start = pandas.to_timedelta(10 * np.arange(100), unit="ms"), pandas.Timestamp("2024-05-31T14:05:00")
+    index = {
+        "seconds": since.total_seconds(), "since a start": since, "dates": start + since,
+        "dates of a zone": (start + since).tz_localize("UTC").tz_convert("Asia/Tokyo"),
+    }[kind]  # fmt: skip
+    stamp = read_recording(sysid.record(still(pandas, index), tmp_path / "bag").path).samples.stamp
+    assert np.diff(stamp) == pytest.approx(np.full(99, 1e7), abs=2)
+    assert not kind.startswith("dates") or stamp[0] == start.value
+
+
+def test_a_table_whose_columns_hold_no_numbers_or_stand_twice_is_not_recorded(tmp_path):
+    pandas = pytest.importorskip("pandas")
+    table = still(pandas, 0.01 * np.arange(100))
+    words = table.astype(object)
+    words.iloc[3, 0] = "bad"
+    for wrong in (words, table.astype(complex), pandas.concat([table, table.iloc[:, :1]], axis=1)):
+        with pytest.raises(sysid.InputError, match=r"cannot be recorded: .*specific_force\.x"):
+            sysid.record(wrong, tmp_path / "bag")
+    assert not Path(tmp_path, "bag").exists()
+
+
 @pytest.mark.long
 def test_frames_of_pandas_become_the_same_recording(run_with_hidden_effect, tmp_path):
     """Samples go out as tables by sensor and come in again."""
