@@ -101,12 +101,14 @@ def judged(
     scales: Scales,
     run_parameters: dict[str, dict[str, Any]],
     doubts: Mapping[str, str],
+    bounds: Mapping[str, tuple[float, float]],
 ) -> list[dict[str, Any]]:
     """Coefficients with status and reason by the rules of trust, as they stand in a file.
 
-    ``doubts`` says of an axis why nothing in it is to be used.
+    ``doubts`` says of an axis why nothing in it is to be used; ``bounds`` are those of the aircraft file.
     """
-    rules, effect, found = TrustRules(), scales.effect(std[: len(scales.rms)]), []
+    rules, anywhere = TrustRules(), (-np.inf, np.inf)
+    effect, found = scales.effect(std[: len(scales.rms)]), []
     per_unit = scales.effect(np.ones(len(scales.rms)))
     samples = int(record.in_flight.sum())
     for i, name in enumerate(model.parameter_names):
@@ -118,7 +120,8 @@ def judged(
         excited = np.inf if excitation is None else float(excitation)
         status, reason = "HOLD", "this flight does not determine it: left at its start value"
         if active[i] or lacking:
-            evidence = Evidence(name, float(theta[i]), float(std[i]), excited, float(effect[i]), samples, missing)
+            known = (name, float(theta[i]), float(std[i]), excited, float(effect[i]))
+            evidence = Evidence(*known, samples, missing, bounds.get(name, anywhere))
             verdict = judge(evidence, rules)
             status, reason = verdict.status.name, verdict.reason
             other = run_parameters.get(name, {})

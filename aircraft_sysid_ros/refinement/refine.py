@@ -121,10 +121,12 @@ def refine(run: RunData, method: str, options: RefineOptions, progress: Progress
         modelled[segment.part] = record.outputs[segment.part] - residual
     std = _with_sampling(run, found)
     errors = errors_not_fitted(run, record, segments, found.theta)
-    doubts = _doubts(found, errors, run.lack_of_fit)
+    doubts, bounds = _doubts(found, errors, run.lack_of_fit), run.aircraft.parameter_bounds
     content = {
         "method": method,
-        "parameters": judged(run.aircraft.model, record, found.theta, std, active, scales, run.parameters, doubts),
+        "parameters": judged(
+            run.aircraft.model, record, found.theta, std, active, scales, run.parameters, doubts, bounds
+        ),
         "biases": biases_json(record, found.theta, found.std, active),
         "cost": found.cost,
         "iterations": found.iterations,

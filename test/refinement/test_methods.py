@@ -155,6 +155,18 @@ def test_bad_runs_are_refused(still_run):
         refine(replace(still_run, samples=heavier), OUTPUT_ERROR, OPTIONS)
 
 
+def test_bounds_of_the_aircraft_file_count_as_in_replay(still_flight, still_run):
+    """A refined value that they do not have was to USE."""
+    aircraft = still_flight.aircraft
+    model, record = aircraft.model, record_of(aircraft, still_run.samples, OPTIONS.rate)
+    theta = make_theta(record.model, [aircraft.coefficients[name] for name in model.parameter_names])
+    true, std = aircraft.coefficients["Cl_p"], np.full(len(theta), 1e-4)
+    for bounds, status in (((2.0 * true, 1.5 * true), "REJECT"), ((2.0 * true, 0.5 * true), "USE")):
+        of_file = {"Cl_p": bounds}
+        found = judged(model, record, theta, std, std > 0.0, scales_of(model, record, theta), {}, {}, of_file)
+        assert next(p["status"] for p in found if p["name"] == "Cl_p") == status
+
+
 @pytest.mark.long
 def test_what_equation_error_of_the_same_flight_contradicts_is_not_to_be_used(still_run, still):
     model = still_run.aircraft.model
@@ -169,7 +181,7 @@ def test_what_equation_error_of_the_same_flight_contradicts_is_not_to_be_used(st
 
     def status(value):
         run = known | {"Cm_de": known["Cm_de"] | {"value": value}}
-        judgement = judged(model, record, theta, std, std > 0.0, scales_of(model, record, theta), run, {})
+        judgement = judged(model, record, theta, std, std > 0.0, scales_of(model, record, theta), run, {}, {})
         return next((p["status"], p["reason"]) for p in judgement if p["name"] == "Cm_de")
 
     right = known["Cm_de"]["value"]
