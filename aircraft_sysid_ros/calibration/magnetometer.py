@@ -9,9 +9,9 @@ lambda) scale, n hard iron. The paper leaves open how many alpha there are: thre
 matrix near I exactly once. Linear, (B3): xi1 = [lambda, n] with A = [C_alpha C_eta diag(h^b), I] and
 b = C_alpha C_eta h^b; xi2 = [alpha_ij, eta_i].
 
-h^b = C_n^b h_n needs the attitude and the field of the place. Its strength is given or that of the earth's dipole, and
-lambda is relative to it. Its inclination, and its declination unless the aircraft file has it, are two more unknowns in
-xi2. Measured field and given strength in the same unit; body axes FRD, NED, radians.
+h^b = C_n^b h_n needs the attitude and the field of the place. Its strength is given or that of a model of the earth's,
+and lambda is relative to it. Its inclination, and its declination unless the aircraft file has it, are two more
+unknowns in xi2. Measured field and given strength in the same unit; body axes FRD, NED, radians.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
+from aircraft_sysid_ros.aircraft.earth_field import FieldAtPlace, earth_field
 from aircraft_sysid_ros.aircraft.frames import cross_matrix
 from aircraft_sysid_ros.calibration.navigation import (
     Grid,
@@ -47,39 +48,10 @@ FIELD_NAMES = ("inclination", "declination")
 UNITS = {**{f"eta_{axis}": "rad" for axis in AXES}, "inclination": "rad", "declination": "rad"}
 #: Scale and iron are sought within these bounds; hard iron within so many field strengths.
 LARGEST_SCALE, LARGEST_IRON, LARGEST_HARD_IRON = 0.5, 0.3, 3.0
-#: The dipole is wrong by less than this [rad] nearly everywhere.
+#: The field of the place is taken to be within this [rad] of that of the model of the earth's.
 FIELD_ANGLE = 0.35
-#: Dipole of the International Geomagnetic Reference Field 2025, degree 1: g10, g11, h11 [T].
-_DIPOLE = np.array([-29350.0, -1410.3, 4545.5]) * 1e-9
 _EXCITED = "banked turns to both sides through all headings, and pitching up and down"
 EXCITED_BY = dict.fromkeys((*NAMES1, *NAMES2, *FIELD_NAMES), _EXCITED)
-
-
-@dataclass(frozen=True)
-class FieldAtPlace:
-    """Strength [unit of the sensor], inclination and declination [rad] of the earth's field."""
-
-    strength: float
-    inclination: float
-    declination: float
-
-    def vector(self) -> Array:
-        """NED (3,)."""
-        level = np.cos(self.inclination)
-        direction = [level * np.cos(self.declination), level * np.sin(self.declination), np.sin(self.inclination)]
-        return self.strength * np.array(direction)
-
-
-def dipole_field(latitude: float, longitude: float) -> FieldAtPlace:
-    """Field [T] of the earth's dipole at sea level: within about a quarter in strength, 20 deg in direction."""
-    g10, g11, h11 = _DIPOLE
-    sin, cos = np.sin(latitude), np.cos(latitude)
-    equatorial = g11 * np.cos(longitude) + h11 * np.sin(longitude)
-    north = -g10 * cos + equatorial * sin
-    east = g11 * np.sin(longitude) - h11 * np.cos(longitude)
-    down = -2.0 * (g10 * sin + equatorial * cos)
-    level = float(np.hypot(north, east))
-    return FieldAtPlace(float(np.hypot(level, down)), float(np.arctan2(down, level)), float(np.arctan2(east, north)))
 
 
 @dataclass(frozen=True)
@@ -101,7 +73,7 @@ class MagneticData:
 
     @property
     def nominal2(self) -> Array:
-        """xi2 of a sensor without errors in the field of the dipole."""
+        """xi2 of a sensor without errors in the field of the model of the earth's."""
         angles = [self.field.inclination, self.field.declination]
         return np.concatenate([np.zeros(len(NAMES2)), angles[: len(self.names2) - len(NAMES2)]])
 
@@ -216,7 +188,7 @@ def magnetic_flight(
     moving = np.linalg.norm(navigation.velocity, axis=1) > 0.8 * aircraft.minimum_airspeed
     segments = find_segments(navigation, moving & in_span(samples, navigation, span), grid.step)
     used = segments.used
-    at_place = dipole_field(float(whole.origin[0]), float(whole.origin[1]))
+    at_place = earth_field(float(whole.origin[0]), float(whole.origin[1]))
     declination = aircraft.magnetic_declination
     place = FieldAtPlace(
         at_place.strength if strength is None else strength,

@@ -117,6 +117,12 @@ class Answer:
         """Estimate by name."""
         return dict(zip(self.problem.names, map(float, self.xi), strict=True))
 
+    @property
+    def vague(self) -> tuple[str, ...]:
+        """Names that were estimated though the flight does not tell them: the last of a set, which is always free."""
+        bad = undetermined(self.problem, self.errors.std) & self.determined
+        return tuple(n for n, out in zip(self.problem.names, bad, strict=True) if out and n not in self.task.keep)
+
     def without(self, refused: Mapping[str, str]) -> Answer:
         """The answer with some names as nominal, not determined, and in words why: what was found of them is wrong."""
         out = np.array([name in refused for name in self.problem.names]) & self.determined

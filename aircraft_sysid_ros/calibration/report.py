@@ -136,7 +136,7 @@ def calibrate_probe(
         raise InputError(
             "wind and airspeed error cannot be told apart in this flight: fly two full circles at different airspeeds"
         )
-    answer = answer.without(_at_bounds(answer))
+    answer = answer.without(_no_answers(answer))
     values = answer.values
     parameters = answer.parameters(answer.problem.names, model.units(), model.excited_by())
     names = (*five_hole_probe.NAMES1[:2], *model.names2)
@@ -199,7 +199,14 @@ def calibrate_magnetometer(
 ) -> Report:
     """Magnetometer, (B1)-(B3). Residuals are those of the field strength."""
     flight = magnetometer.magnetic_flight(recording, aircraft, span, strength)
-    answer = solve(flight.task(), **options)
+    try:
+        answer = solve(flight.task(), **options)
+    except NoMinimumError:
+        raise InputError(
+            "nothing tells the errors of the magnetometer apart in this flight: fly " + magnetometer.EXCITED_BY["n_x"]
+        ) from None
+    _check_magnetic_bounds(answer, flight.data)
+    answer = answer.without(_no_answers(answer))
     values = answer.values
     parameters = answer.parameters(answer.problem.names, magnetometer.UNITS, magnetometer.EXCITED_BY)
     if not any(p["determined"] for p in parameters if p["name"].startswith("n_")):
@@ -212,11 +219,23 @@ def calibrate_magnetometer(
     before, after = (h - h.mean() for h in strengths)
     notes = [f"scales are relative to a field of {flight.data.field.strength:.4g}"]
     if strength is None:
-        notes.append("that of the earth's dipole here, accurate to a quarter: --field-strength gives a better one")
+        notes.append("that of a model of the earth's field here, to some per cent: --field-strength gives a better one")
+    notes += _doubts(answer)
     return _report(
         "magnetometer", answer, parameters, section, ("strength",), "unit of the sensor", before, after,
         flight.segments, flight.navigation, flight.grid.step, notes,
     )  # fmt: skip
+
+
+def _check_magnetic_bounds(answer: Answer, data: magnetometer.MagneticData) -> None:
+    """All unknowns are of one sensor: with one of them at its bound none is an answer."""
+    names = [name for name, there in zip(answer.problem.names, answer.at_bound, strict=True) if there]
+    if names:
+        raise InputError(
+            f"the errors of the magnetometer are larger than is sought ({', '.join(names)} at the bound): it shows "
+            f"{np.median(np.linalg.norm(data.measured, axis=1)):.3g} where the field is {data.field.strength:.3g}: "
+            "give the strength in the unit of the recording by --field-strength, and look at declination and mounting"
+        )
 
 
 def calibrate_compatibility(recording: Samples, aircraft: Aircraft, span: Span = None, **options: Any) -> Report:
@@ -227,7 +246,7 @@ def calibrate_compatibility(recording: Samples, aircraft: Aircraft, span: Span =
     left = np.sqrt(answer.noise[:3])
     is_steady = not np.any(left > compatibility.STEADY)
     gusts = {} if is_steady else dict.fromkeys(AIR_DATA_ERRORS, "in a wind that was not steady")
-    answer = answer.without({**_at_bounds(answer), **gusts})
+    answer = answer.without({**_no_answers(answer), **gusts})
     parameters = answer.parameters(answer.problem.names, compatibility.UNITS, compatibility.EXCITED_BY)
     names = (*compatibility.NAMES1, *compatibility.NAMES2)
     section = {**{name: answer.values[name] for name in names}, "std": _stds(parameters, names)}
@@ -252,11 +271,14 @@ def calibrate_compatibility(recording: Samples, aircraft: Aircraft, span: Span =
     )  # fmt: skip
 
 
-def _at_bounds(answer: Answer) -> dict[str, str]:
-    """Names of what is at its bound, but for the wind, and of what else is said of the same sensor; in words why."""
+def _no_answers(answer: Answer) -> dict[str, str]:
+    """Names of what the flight does not tell or is at its bound, but for the wind, and of what else is said of the same
+    sensor; in words why.
+    """
     found = {n for n, there in zip(answer.problem.names, answer.at_bound, strict=True) if there and n[:2] != "W_"}
     beside = {name for group in _OF_ONE_SENSOR if found & set(group) for name in group}
-    return {name: "at its bound" if name in found else "besides what is at its bound" for name in found | beside}
+    at_bounds = {name: "at its bound" if name in found else "besides what is at its bound" for name in found | beside}
+    return {**dict.fromkeys(answer.vague, "not excited"), **at_bounds}
 
 
 def _doubts(answer: Answer) -> list[str]:

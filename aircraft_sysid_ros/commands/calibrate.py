@@ -49,7 +49,7 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
     add("--wind", choices=("auto", "steady", "varying"), default="auto",
         help="five-hole: one wind, or linear between knots a minute apart")  # fmt: skip
     add("--field-strength", type=float, metavar="F", help="magnetometer: strength of the earth's field here, in the "
-        "unit of the recording (default: that of a dipole, in tesla)")  # fmt: skip
+        "unit of the recording (default: that of a model of the earth's, in tesla)")  # fmt: skip
     return parser
 
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from aircraft_sysid_ros.calibration.procedure import Task, reduced_problem, solve
+from aircraft_sysid_ros.calibration.report import _no_answers
 from aircraft_sysid_ros.calibration.standard_errors import (
     AttitudeErrors,
     jackknife,
@@ -120,6 +121,17 @@ def test_what_is_not_excited_is_nominal_and_the_rest_is_found():
     assert abs(answer.values["b"] - 0.2) < 4.0 * answer.std[1]
     (row,) = answer.parameters(("c",), {}, {"c": "circles"})
     assert "not excited" in row["reason"] and "circles" in row["reason"]
+
+
+def test_the_last_of_a_set_is_not_an_answer_where_the_flight_does_not_tell_it():
+    """Both stages need an unknown of each set, however little is known of it."""
+    noise = 40.0 * np.random.default_rng(4).standard_normal(N)
+    answer = solve(Task(straight_line(noise), np.zeros(N, dtype=np.int64), np.zeros(2)), 16)
+    assert answer.vague == ("a", "b")
+    told = answer.without(_no_answers(answer))
+    assert not told.determined.any() and np.all(told.xi == 0.0)
+    (row,) = told.parameters(("b",), {}, {"b": "circles"})
+    assert "not excited" in row["reason"] and not row["determined"]
 
 
 def two_biases():

@@ -10,7 +10,7 @@ from aircraft_sysid_ros.calibration import compatibility
 from aircraft_sysid_ros.calibration.calibration_file import AIR_DATA_ERRORS
 from aircraft_sysid_ros.calibration.compatibility import NAMES1, NAMES2, compatibility_flight
 from aircraft_sysid_ros.calibration.procedure import Answer
-from aircraft_sysid_ros.calibration.report import _at_bounds, calibrate_compatibility
+from aircraft_sysid_ros.calibration.report import _no_answers, calibrate_compatibility
 from aircraft_sysid_ros.effects.effect import with_setting
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.estimation.two_stage.decision import Decision
@@ -148,7 +148,7 @@ def test_what_is_at_its_bound_is_no_answer_and_what_is_beside_it_neither(made):
     at = names.index("lambda_beta")
     xi[at] = answer.problem.bounds[at, 1]
     bound = replace(answer, xi=xi, at_bound=np.arange(len(xi)) == at, determined=np.ones(len(xi), bool))
-    left = bound.without(_at_bounds(bound))
+    left = bound.without(_no_answers(bound))
     assert set(left.refused) == {"lambda_beta", "b_beta"}
     assert left.refused["lambda_beta"].startswith("at its bound") and left.refused["b_beta"].startswith("beside")
     assert left.values["lambda_beta"] == left.values["b_beta"] == 0.0 and left.values["b_p"] == bound.values["b_p"]

@@ -1,12 +1,18 @@
 """Magnetometer: the model against (B1) of the two-stage paper, its derivatives, and the answer against the truth."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from aircraft_sysid_ros.aircraft.earth_field import FieldAtPlace, earth_field
 from aircraft_sysid_ros.aircraft.frames import quaternion_from_euler, rotation_matrix
 from aircraft_sysid_ros.calibration import magnetometer
-from aircraft_sysid_ros.calibration.magnetometer import FieldAtPlace, MagneticData, dipole_field
+from aircraft_sysid_ros.calibration.magnetometer import MagneticData, MagneticFlight
+from aircraft_sysid_ros.calibration.navigation import Grid, Navigation
 from aircraft_sysid_ros.calibration.procedure import Task, residuals, solve
+from aircraft_sysid_ros.calibration.report import calibrate_magnetometer
+from aircraft_sysid_ros.calibration.segments import Segments
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.samples import Kind
 
@@ -43,12 +49,21 @@ def test_derivative_by_the_attitude(data):
         np.testing.assert_allclose(made.by_attitude(xi)[:, :, axis], change, atol=1e-4)
 
 
-def test_the_dipole_is_near_the_field():
-    """Minneapolis and Sydney, from the International Geomagnetic Reference Field of 2020."""
-    for latitude, longitude, strength, inclination in ((44.98, -93.27, 54.5e-6, 71.0), (-33.87, 151.2, 57.1e-6, -64.3)):
-        field = dipole_field(np.radians(latitude), np.radians(longitude))
-        assert abs(field.strength / strength - 1.0) < 0.25
-        assert abs(np.degrees(field.inclination) - inclination) < 12.0
+@pytest.mark.parametrize(
+    ("latitude", "longitude", "values"),
+    [(80.0, 0.0, (6521.6, 145.9, 54791.5)), (0.0, 120.0, (39677.8, -109.6, -10580.2)),
+     (-80.0, 240.0, (6117.5, 15751.9, -52022.5))],
+)  # fmt: skip
+def test_the_field_is_that_of_the_world_magnetic_model(latitude, longitude, values):
+    """Test values of NOAA for WMM2025, north, east and down [nT]; degrees beyond 6 are left out."""
+    field = earth_field(np.radians(latitude), np.radians(longitude)).vector()
+    assert np.linalg.norm(1e9 * field - values) < 0.03 * np.linalg.norm(values)
+
+
+@pytest.mark.parametrize("latitude", [-90.0, 90.0])
+def test_the_field_at_the_poles_of_the_earth_is_finite(latitude):
+    at_pole, near = (earth_field(np.radians(degrees), 0.3) for degrees in (latitude, 0.9999 * latitude))
+    np.testing.assert_allclose(at_pole.vector(), near.vector(), rtol=1e-2)
 
 
 @pytest.mark.long
@@ -77,6 +92,49 @@ def test_level_turns_do_not_tell_everything():
     assert told["n_x"] and told["n_y"] and not (told["n_z"] and told["lambda_z"] and told["inclination"])
     rows = answer.parameters(answer.problem.names, magnetometer.UNITS, magnetometer.EXCITED_BY)
     assert all("not excited" in row["reason"] and np.isinf(row["std"]) for row in rows if not row["determined"])
+
+
+def flight_of(data, monkeypatch):
+    """A flight whose magnetometer shows ``data``, for ``calibrate_magnetometer``."""
+    n = len(data.measured)
+    grid = Grid(np.arange(n), 1.0)
+    flat, every = np.zeros((n, 3)), np.ones(n, dtype=bool)
+    navigation = Navigation(0, grid.time, flat, data.rotation, flat, np.zeros(n), flat, np.zeros(3))
+    made = MagneticFlight(data, grid, Segments(every, every, ()), navigation)
+    monkeypatch.setattr(magnetometer, "magnetic_flight", lambda *_: made)
+
+
+def turned_all_ways(rng, matrix, iron, unit=1.0):
+    """What a magnetometer of (B1) shows in all attitudes, in a unit of so many strengths of the field."""
+    rotation = np.array([rotation_matrix(quaternion_from_euler(*rng.uniform(-1.0, 1.0, 2), yaw))
+                         for yaw in np.linspace(0.0, 12.6, 300)])  # fmt: skip
+    field = FieldAtPlace(1.0, 1.1, 0.1)
+    measured = np.einsum("nji,j->ni", rotation, field.vector()) @ np.asarray(matrix).T + iron
+    return MagneticData(unit * (measured + rng.normal(0.0, 0.01, measured.shape)), rotation, field, True)
+
+
+@pytest.mark.parametrize(("iron", "unit"), [([4.0, 0.0, 0.0], 1.0), ([0.1, 0.0, 0.0], 1e6)])
+def test_what_is_beyond_the_bounds_is_no_calibration(aircraft, monkeypatch, iron, unit):
+    """Iron of four field strengths, and microtesla that were taken for tesla: neither is written into a file."""
+    flight_of(turned_all_ways(np.random.default_rng(5), np.eye(3), iron, unit), monkeypatch)
+    with pytest.raises(InputError, match="--field-strength"):
+        calibrate_magnetometer(None, aircraft, samples=16)
+
+
+def test_a_note_lists_what_is_taken_as_it_should_be(aircraft, monkeypatch):
+    """Nearly level: the vertical scale is not told, and what is found holds with the one that is taken."""
+    rng = np.random.default_rng(6)
+    data = turned_all_ways(rng, np.eye(3), [0.1, -0.1, 0.0])
+    level = np.array([rotation_matrix(quaternion_from_euler(*rng.normal(0.0, 0.01, 2), yaw))
+                      for yaw in np.linspace(0.0, 12.6, 300)])  # fmt: skip
+    shown = np.einsum("nji,j->ni", level, data.field.vector()) + rng.normal(0.0, 0.02, (300, 3))
+    flight_of(replace(data, measured=shown, rotation=level), monkeypatch)
+    with pytest.raises(InputError, match="fly banked turns"):
+        calibrate_magnetometer(None, aircraft, samples=1)
+    report = calibrate_magnetometer(None, aircraft, samples=64)
+    out = [p["name"] for p in report.parameters if not p["determined"]]
+    (note,) = [note for note in report.notes if "hold if what this flight does not excite" in note]
+    assert out and all(name in note for name in out)
 
 
 def test_missing_topic(calibration_flown):
