@@ -13,6 +13,7 @@ import re
 import shutil
 import sys
 from collections.abc import Callable
+from functools import partial
 
 import accuracy_tables
 import calibration_tables
@@ -31,6 +32,7 @@ import paper_tables
 import polar_tables
 import real_flight_tables
 import speed_tables
+import threshold_tables
 import topic_tables
 import trust_tables
 from params_file import params_file
@@ -57,6 +59,8 @@ TABLES: dict[str, Callable[[], str]] = {
     **{f"mavlink_{name}": from_summary(make, "mavlink_bridge") for name, make in mavlink_tables.TABLES.items()},
     **{f"nodes_{name}": from_code(make) for name, make in node_tables.TABLES.items()},
     **{f"paper_{name}": from_summary(make, "paper") for name, make in paper_tables.TABLES.items()},
+    **{name: from_code(partial(threshold_tables.thresholds, record))
+       for name, record in threshold_tables.RECORDS.items()},
     **{f"topics_{name}": from_code(make) for name, make in topic_tables.TABLES.items()},
     **{f"trust_{name}": from_summary(make, "bad_minute") for name, make in trust_tables.TABLES.items()},
     "aircraft_keys": from_code(node_tables.aircraft_keys),
@@ -66,7 +70,6 @@ TABLES: dict[str, Callable[[], str]] = {
     "certificate_parts": from_summary(certificate_tables.by_dimension, "certificate_cells"),
     "clean_residuals": from_flights(diagnosis_tables.clean_residuals, "clean_residuals"),
     "diagnosis_speed": from_summary(diagnosis_tables.speed, "diagnosis_speed"),
-    "diagnosis_thresholds": from_code(diagnosis_tables.thresholds),
     "failures": from_flights(diagnosis_tables.failures, "failures"),
     "failures_again": from_flights(diagnosis_tables.failures_again, "failures"),
     "faults": from_summary(trust_tables.faults, "faults"),

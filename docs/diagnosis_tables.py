@@ -12,7 +12,6 @@ from scipy.stats import binomtest
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.diagnosis.significance.whiteness import FALSE_ALARM
-from aircraft_sysid_ros.diagnosis.thresholds import listed
 from aircraft_sysid_ros.effects.aliases import ALIASES, aliases_of
 
 #: Sets of flights, and what stands in the tables for them.
@@ -391,12 +390,6 @@ def late_records(flown: list[dict[str, Any]]) -> Rows:
         )
     header = ["controls", "air", "flights", "a delay named", "largest error of it", "other settings named"]
     return header, rows
-
-
-def thresholds() -> Rows:
-    """The record of what decides."""
-    rows = [[f"`{name}`", f"{value:g}", why] for name, value, why in listed()]
-    return ["threshold", "value", "why"], rows
 
 
 def by_effect(sets: dict[str, dict[str, Any]]) -> Rows:
