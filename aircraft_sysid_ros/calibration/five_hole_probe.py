@@ -52,7 +52,8 @@ Integers = npt.NDArray[np.int64]
 NAMES1 = ("lambda_V", "b_V", "W_N", "W_E", "W_D")
 NAMES2 = ("lambda_alpha", "b_alpha", "lambda_beta", "b_beta", "eps_phi")
 UNITS = {"b_V": "m/s", "W_N": "m/s", "W_E": "m/s", "W_D": "m/s", "b_alpha": "rad", "b_beta": "rad", "eps_phi": "rad"}
-#: Constraints of Table 6; those of the wind, which the paper refined after its first stage, are what may be flown in.
+#: Constraints of Table 6; those of the wind, which the paper refined after its first stage, are what may be flown in,
+#: and for faster aircraft ``bounds1_of``.
 BOUNDS1 = np.array([[-0.5, 0.5], [-5.0, 5.0], [-20.0, 20.0], [-20.0, 20.0], [-3.0, 3.0]])
 BOUNDS2 = np.array([[-0.5, 0.5], [-0.0873, 0.0873], [-0.5, 0.5], [-0.0873, 0.0873], [-0.2618, 0.2618]])
 #: Sensitivity [1/rad] of a usual probe head, 0.07 per degree: lambda_alpha and lambda_beta are relative to it.
@@ -179,11 +180,21 @@ class ProbeData:
 
     def problem(self) -> Problem:
         """Measurement equation (40) with the bounds of Table 6."""
-        return Problem(self.velocity, self.model, NAMES1, NAMES2, BOUNDS1, BOUNDS2, gradient=self.gradient)
+        return Problem(
+            self.velocity, self.model, NAMES1, NAMES2, bounds1_of(self.velocity), BOUNDS2, gradient=self.gradient
+        )
 
     def _turned(self, vectors: Array, mount: float) -> Array:
         """Vectors (n, 3) in axes of the probe to NED."""
         return np.asarray(np.einsum("nij,jk,nk->ni", self.rotation, mount_matrix(mount), vectors))
+
+
+def bounds1_of(velocity: Array) -> Array:
+    """BOUNDS1 with a wind that may be as fast as the aircraft ever was over ground, at velocities NED (n, 3) [m/s]."""
+    fastest = float(np.max(np.hypot(velocity[:, 0], velocity[:, 1])))
+    out = BOUNDS1.copy()
+    out[2:4] = np.array([-1.0, 1.0]) * max(BOUNDS1[2, 1], fastest)
+    return out
 
 
 def mount_matrix(angle: float) -> Array:

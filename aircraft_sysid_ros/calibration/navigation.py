@@ -44,8 +44,8 @@ TOPIC_OF_KIND = {
 STEP = 0.04
 #: Their sensors in the aircraft file, whose stated noise is too small where the flight shows so many times as much.
 _SENSORS, _UNDERSTATED = ("accelerometer", "gyro", "gps_position", "gps_velocity"), 1.5
-#: A piece of the grid ends where a sensor is silent for longer [s].
-_LONGEST_SILENCE = 0.5
+#: A piece of the grid ends where a sensor is silent for longer [s], and for more than a bin that jitter leaves empty.
+_LONGEST_SILENCE, _MOST_STEPS = 0.5, 2.5
 
 
 @dataclass(frozen=True)
@@ -101,7 +101,8 @@ class Grid:
     @property
     def piece(self) -> npt.NDArray[np.int64]:
         """Number (n,) of the piece without a gap that a bin belongs to."""
-        gaps = np.diff(self.index, prepend=self.index[:1]) * self.step > _LONGEST_SILENCE
+        silence = max(_LONGEST_SILENCE, _MOST_STEPS * self.step)
+        gaps = np.diff(self.index, prepend=self.index[:1]) * self.step > silence
         return np.asarray(np.cumsum(gaps), dtype=np.int64)
 
     def means(self, time: Array, values: Array) -> Array:

@@ -24,7 +24,6 @@ import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.calibration.five_hole_probe import (
-    BOUNDS1,
     BOUNDS2,
     EXCITED_BY,
     NAMES1,
@@ -32,6 +31,7 @@ from aircraft_sysid_ros.calibration.five_hole_probe import (
     UNITS,
     ProbeData,
     ProbeFlight,
+    bounds1_of,
 )
 from aircraft_sysid_ros.calibration.procedure import SAMPLES, Answer, reduced_problem, residuals
 from aircraft_sysid_ros.estimation.two_stage.conditions import Conditions
@@ -90,9 +90,10 @@ class ProbeModel:
         """Measurement equation."""
         kappa = np.array([[-LARGEST_KAPPA, LARGEST_KAPPA]] * (len(self.names2) - len(NAMES2))).reshape(-1, 2)
         knots = 1 if self.knots is None else len(self.knots)
+        bounds1 = bounds1_of(self.data.velocity)
         return Problem(
             self.data.velocity, self.model, self.names1, self.names2,
-            np.concatenate([BOUNDS1[:2], *[BOUNDS1[2:]] * knots]), np.concatenate([BOUNDS2, kappa]),
+            np.concatenate([bounds1[:2], *[bounds1[2:]] * knots]), np.concatenate([BOUNDS2, kappa]),
             gradient=self.gradient,
         )  # fmt: skip
 

@@ -34,7 +34,11 @@ _OF_ONE_SENSOR = (
     ("lambda_V", "b_V"),
     ("lambda_alpha", "b_alpha", "kappa_alpha"),
     ("lambda_beta", "b_beta", "kappa_beta"),
+    ("eps_phi",),
 )
+#: One of each sensor whose errors look like the wind: with the wind at its bound they hold the rest of it.
+_LEVEL = ("lambda_V", "lambda_alpha", "lambda_beta", "eps_phi")
+_HIDDEN_BY_WIND = {"W_N": _LEVEL, "W_E": _LEVEL, "W_D": ("lambda_alpha",)}
 
 
 @dataclass(frozen=True)
@@ -273,10 +277,13 @@ def calibrate_compatibility(recording: Samples, aircraft: Aircraft, span: Span =
 
 def _no_answers(answer: Answer) -> dict[str, str]:
     """Names of what the flight does not tell or is at its bound, but for the wind, and of what else is said of the same
-    sensor; in words why.
+    sensor, or what a wind that is at its bound hides; in words why.
     """
-    found = {n for n, there in zip(answer.problem.names, answer.at_bound, strict=True) if there and n[:2] != "W_"}
-    beside = {name for group in _OF_ONE_SENSOR if found & set(group) for name in group}
+    bound = {name for name, there in zip(answer.problem.names, answer.at_bound, strict=True) if there}
+    found = {name for name in bound if not name.startswith("W_")}
+    hidden = found.union(*(_HIDDEN_BY_WIND[name[:3]] for name in bound - found))
+    beside = {name for group in _OF_ONE_SENSOR if hidden & set(group) for name in group}
+    beside &= set(answer.problem.names)
     at_bounds = {name: "at its bound" if name in found else "besides what is at its bound" for name in found | beside}
     return {**dict.fromkeys(answer.vague, "not excited"), **at_bounds}
 

@@ -8,9 +8,9 @@ import pytest
 from aircraft_sysid_ros.aircraft.frames import quaternion_from_euler, rotation_matrix, velocity_from_air_data
 from aircraft_sysid_ros.calibration import five_hole_probe as probe
 from aircraft_sysid_ros.calibration.five_hole_probe import NAMES1, NAMES2, ProbeData
-from aircraft_sysid_ros.calibration.navigation import Navigation, in_span
+from aircraft_sysid_ros.calibration.navigation import Grid, Navigation, in_span
 from aircraft_sysid_ros.calibration.procedure import Task, residuals, solve
-from aircraft_sysid_ros.calibration.report import calibrate_probe
+from aircraft_sysid_ros.calibration.report import _no_answers, calibrate_probe
 from aircraft_sysid_ros.calibration.segments import find_segments
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.estimation.least_squares import central_differences
@@ -152,6 +152,33 @@ def test_nan_samples_are_left_out(calibration_flown, probe_made):
     made = probe.probe_flight(Samples(samples.stamp, samples.kind, values), calibration_flown.aircraft)
     assert np.all(np.isfinite(made.data.alpha_ratio))
     assert made.grid.piece[-1] == 1  # two pieces, cut by 2 s without pressures
+
+
+def test_a_slow_sensor_is_not_silent_between_its_samples():
+    """Of a probe with a sample each second every sample was a piece of its own, so that no average had a row."""
+    slow = Grid(np.delete(np.arange(40), [7, 20, 21, 22]), 1.0)  # one missed, as by jitter, and a gap
+    assert np.flatnonzero(np.diff(slow.piece)).tolist() == [18]
+    assert len(probe._blocks(slow.piece, 2)) == (19 // 2) + (17 // 2)
+
+
+def test_a_wind_may_be_as_fast_as_the_aircraft_was_over_ground(data):
+    """Of an aeroplane in 30 m/s of wind, 20 was found, and the rest of it was in the errors of the probe."""
+    made, xi = data
+    strong = np.array([30.0, -12.0, 0.0])
+    blown = replace(made, velocity=made.velocity + strong)
+    answer = solve(Task(blown.problem(), np.zeros(len(made.indicated), int), np.zeros(10)), 16)
+    np.testing.assert_allclose(answer.xi, xi + np.array([0.0, 0.0, *strong, 0.0, 0.0, 0.0, 0.0, 0.0]), atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("at_bound", "refused"),
+    [("W_E", {"lambda_V", "b_V", *NAMES2}), ("W_D", {"lambda_alpha", "b_alpha"}), ("b_V", {"lambda_V", "b_V"})],
+)
+def test_with_a_wind_at_its_bound_what_it_hides_is_no_answer(data, at_bound, refused):
+    made, _ = data
+    answer = solve(Task(made.problem(), np.zeros(len(made.indicated), int), np.zeros(10)), 16)
+    stands = np.array([name == at_bound for name in answer.problem.names])
+    assert set(_no_answers(replace(answer, at_bound=stands))) == refused
 
 
 def test_zeros_come_from_where_it_stands():
