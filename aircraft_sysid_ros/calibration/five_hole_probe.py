@@ -334,6 +334,8 @@ def probe_flight(
         raise InputError("no sample of /five_hole_probe has all four pressures: this calibration needs them")
     time, pressures = time[complete], pressures[complete]
     zeros = pressure_zeros(samples, whole.epoch, time, pressures) if zeros is None else zeros
+    new = np.append(True, np.any(np.diff(pressures, axis=0) != 0.0, axis=1))  # not held from the sample before
+    time, pressures = time[new], pressures[new]
     grid = common_grid(whole.time, time)
     pressure = grid.means(time, pressures)
     pressure[:, 1:] -= zeros

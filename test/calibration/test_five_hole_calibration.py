@@ -181,6 +181,21 @@ def test_with_a_wind_at_its_bound_what_it_hides_is_no_answer(data, at_bound, ref
     assert set(_no_answers(replace(answer, at_bound=stands))) == refused
 
 
+@pytest.mark.long
+def test_pressures_that_are_held_are_those_of_a_slower_probe(calibration_flown):
+    """Most samples are as the one before: the noise of the probe was zero, and any wind not steady."""
+    samples = until(calibration_flown.samples, 80.0)
+    of_probe = np.flatnonzero(samples.kind == Kind.FIVE_HOLE)
+    values, every = samples.values.copy(), np.arange(len(of_probe)) // 8 * 8
+    values[of_probe] = values[of_probe[every]]
+    held = probe.probe_flight(Samples(samples.stamp, samples.kind, values), calibration_flown.aircraft)
+    kept = np.ones(len(samples), dtype=bool)
+    kept[of_probe[np.arange(len(of_probe)) % 8 != 0]] = False
+    slow = probe.probe_flight(samples[kept], calibration_flown.aircraft)
+    assert held.angle_noise == slow.angle_noise > 0.0
+    np.testing.assert_array_equal(held.data.alpha_ratio, slow.data.alpha_ratio)
+
+
 def test_zeros_come_from_where_it_stands():
     stamp = (np.arange(1000) * 20_000_000).astype(np.int64)
     speed = np.where(np.arange(1000) < 500, 0.0, 20.0)
