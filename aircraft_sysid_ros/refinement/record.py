@@ -202,8 +202,13 @@ def _inputs(
     first: npt.NDArray[np.int64],
     every: int,
 ) -> tuple[Array, frozenset[str]]:
-    """Inputs (N, INPUT_SIZE + MIDDLE_SIZE) and the signals that are never measured, whose columns are 0."""
+    """Inputs (N, INPUT_SIZE + MIDDLE_SIZE) and the signals that are never measured.
+
+    Columns of those are 0, and of those that no term reads where they are not known: no second of flight is lost by it.
+    """
     inputs = np.zeros((len(time), INPUT_SIZE + MIDDLE_SIZE))
+    names = (*CONTROL_COLUMNS, *aircraft.model.inputs)
+    is_read = np.array([name in aircraft.model.signals_used for name in names])
     signs = np.array([*(aircraft.surface_signs[s] for s in SURFACES), 1.0, 1.0, 1.0])
     middle = 0.5 * (time + np.concatenate([time[:1], time[:-1]]))
     for first_control, first_named, at in ((0, NAMED.start, time), (INPUT_SIZE, INPUT_SIZE + CONTROL_COUNT, middle)):
@@ -213,6 +218,7 @@ def _inputs(
         both = np.hstack([controls, named])
         never = ~np.any(np.isfinite(both), axis=0)
         both[:, never] = 0.0
+        both[:, : len(names)][np.isnan(both[:, : len(names)]) & ~is_read] = 0.0
         inputs[:, first_control : first_control + CONTROL_COUNT] = both[:, :CONTROL_COUNT]
         inputs[:, first_named : first_named + MOST_INPUTS] = both[:, CONTROL_COUNT:]
     inputs[:, DENSITY] = _mean(rows[:, StateField.AIR_DENSITY], first, every)
@@ -224,7 +230,7 @@ def _inputs(
     inputs[:, SPEED_OF_SOUND] = [speed_of_sound(h) for h in altitude]
     inputs[:, TIME] = time - time[0]
     inputs[:, REFERENCE] = states[:, ATTITUDE]
-    names, no_ground = (*CONTROL_COLUMNS, *aircraft.model.inputs), {"height"} if np.isnan(ground) else set()
+    no_ground = {"height"} if np.isnan(ground) else set()
     return inputs, frozenset(name for name, gone in zip(names, never, strict=False) if gone) | no_ground
 
 

@@ -14,7 +14,7 @@ from aircraft_sysid_ros.identification.model_change import with_terms
 from aircraft_sysid_ros.refinement.record import record_of
 from aircraft_sysid_ros.refinement.resampling import cubic
 from aircraft_sysid_ros.refinement.segments import Segment, segments_of
-from aircraft_sysid_ros.samples import Kind
+from aircraft_sysid_ros.samples import CONTROL_COLUMNS, Kind
 from aircraft_sysid_ros.sensors.sensor_models import air_data_at, specific_force_at
 
 
@@ -137,6 +137,20 @@ def test_positions_go_on_after_a_moment_without_a_fix(still_flight, still_run, r
     assert whole.sum() - there.sum() == 3
     both = there & whole
     np.testing.assert_allclose(lacking.outputs[both, 6:9], record.outputs[both, 6:9], atol=0.05)
+
+
+def test_a_control_that_no_term_reads_may_come_and_go(still_flight):
+    """A tachometer that falls silent for a second, beside surfaces that do not, left no flight to refine."""
+    begin = still_flight.samples.stamp[0]
+    samples = still_flight.samples[still_flight.samples.stamp < begin + 12 * 10**9]
+    aircraft, values = still_flight.aircraft, samples.values.copy()
+    controls = np.flatnonzero(samples.kind == Kind.CONTROLS)
+    silent = controls[(samples.stamp[controls] - begin) // 10**9 % 2 == 1]
+    values[silent, CONTROL_COLUMNS.index("propeller_speed")] = np.nan
+    whole, found = (record_of(aircraft, s, 50.0) for s in (samples, replace(samples, values=values)))
+    np.testing.assert_array_equal(found.in_flight, whole.in_flight)
+    read = with_terms(aircraft, {"Cl": ("propeller_speed",)}, {})
+    assert record_of(read, replace(samples, values=values), 50.0).in_flight.sum() < 0.7 * whole.in_flight.sum()
 
 
 def test_samples_without_a_flight_are_refused(still_flight, still_run):
