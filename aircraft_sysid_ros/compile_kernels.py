@@ -137,7 +137,7 @@ def calibration() -> None:
     times, north, still, zeros = np.zeros(1), np.array([[1.0, 0.0, 0.0]]), np.zeros((1, 3)), np.zeros(1, dtype=np.int64)
     level, outputs, ones = np.array([[1.0, 0.0, 0.0, 0.0]]), np.zeros((2, 6)), np.ones((1, 6))
     integrated_outputs(
-        times, still, still, zeros, zeros, ones, 2, north, level, np.zeros(6), np.zeros(3), 9.8, outputs[:, 5], True
+        times, still, still, zeros, zeros, ones, 2, north, level, np.zeros(6), np.zeros(3), 9.8, outputs, True
     )
 
 

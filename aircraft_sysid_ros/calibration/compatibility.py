@@ -86,8 +86,8 @@ FEW_SAMPLES = 32
 STEADY = 1.0
 #: Measurements where the IMU was silent for so many of its steps are left out, and bins so far from a measurement.
 _HOLE = 3.5
-#: Heading is left out so near [rad] to where it jumps.
-_NEAR_SOUTH = 0.35
+#: Roll and heading, which go round, are left out so near [rad] to where they jump.
+_ROUND, _NEAR_JUMP = [OUTPUT_NAMES.index("phi"), OUTPUT_NAMES.index("psi")], 0.35
 #: Linearisations about the starts of the pieces.
 _TURNS = 3
 EXCITED_BY = {
@@ -106,7 +106,7 @@ class CompatibilityData:
 
     measured: Array  # (n, 6) V, alpha, beta, phi, theta, psi
     scale: Array  # (6,) in which the outputs are counted: their noise, so that stage 1 can add m/s to rad
-    there: Array  # (n, 6) 1, or 0 where an output was not measured or cannot be compared: a scaled heading at south
+    there: Array  # (n, 6) 1, or 0 where an output was not measured, or an angle is near where it jumps
     piece: npt.NDArray[np.int64]  # (n,) of the bins
     time: Array  # (k,) of the IMU [s]
     force: Array  # (k, 3) as measured
@@ -135,7 +135,7 @@ class CompatibilityData:
     def _integrated(self, xi2: Array, with_slopes: bool) -> tuple[Array, Array]:
         return integrated_outputs(
             self.time, self.force, self.rate, self.piece[self.bins], self.bins, self.weights, len(self.measured),
-            self.velocity0, self.attitude0, xi2, self.arm, self.gravity, self.measured[:, 5], with_slopes,
+            self.velocity0, self.attitude0, xi2, self.arm, self.gravity, self.measured, with_slopes,
         )  # fmt: skip
 
     def model(self, xi2: Array) -> tuple[Array, Array]:
@@ -242,7 +242,7 @@ def compatibility_flight(
     shown = [_shown(grid, imu_time, time, values) for time, values in air]
     shown.append(_shown(grid, imu_time, attitude_time, np.unwrap(angles, axis=0)))
     outputs, there = (np.concatenate([part[k] for part in shown], axis=1) for k in (0, 1))
-    outputs[:, 5] = (outputs[:, 5] + np.pi) % (2.0 * np.pi) - np.pi
+    outputs[:, _ROUND] = (outputs[:, _ROUND] + np.pi) % (2.0 * np.pi) - np.pi
     weights = np.stack([part[2] for part in (*shown, shown[-1], shown[-1])], axis=1)
     flying = (outputs[:, 0] > aircraft.minimum_airspeed) & in_span(samples, navigation, span)
     flying &= np.isfinite(outputs).all(axis=1)
@@ -312,7 +312,7 @@ def _data(
         flow = velocity_from_air_data(speed, alpha, beta) - np.cross(measured[k, 3:6], arm)
         velocity0[number] = rotation_matrix(attitude0[number]) @ flow
     there = measured_there.copy()
-    there[:, 5] *= np.abs(outputs[:, 5]) < np.pi - _NEAR_SOUTH
+    there[:, _ROUND] *= np.abs(outputs[:, _ROUND]) < np.pi - _NEAR_JUMP
     return CompatibilityData(
         outputs, scale, there, piece, time, measured[:, :3].copy(), measured[:, 3:6].copy(), index, weights[inside],
         velocity0, attitude0, np.asarray(arm, dtype=np.float64), place, (),

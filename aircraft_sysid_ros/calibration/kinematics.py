@@ -26,15 +26,15 @@ OUTPUTS, START = 6, 6
 @njit(cache=True, nogil=True)
 def integrated_outputs(
     time: Array, force: Array, rate: Array, piece: Integers, bins: Integers, weights: Array, count: int,
-    velocity0: Array, attitude0: Array, biases: Array, arm: Array, gravity: float, heading: Array, with_slopes: bool,
+    velocity0: Array, attitude0: Array, biases: Array, arm: Array, gravity: float, measured: Array, with_slopes: bool,
 ) -> tuple[Array, Array]:  # fmt: skip
     """Means in each bin of V, alpha, beta at the probe, roll, pitch, yaw (count, 6), and their derivatives.
 
     IMU as measured at times (k,) [s], force and rate (k, 3); piece (k,): a new number begins from the next row of
     velocity0 (pieces, 3) [m/s] NED and attitude0 (pieces, 4); bins (k,), and with which weights (k, 6) the outputs
     then count in them; biases (6,), measured minus true, of accelerometers and gyros; arm (3,) [m] of the probe;
-    heading (count,): yaw is within pi of it. Derivatives (count, 6, 12) by dv0, e0, b_a, b_g, three each, or
-    (0, 6, 12). All is 0 in a bin without weight.
+    measured (count, 6): roll and yaw are within pi of what it has of them. Derivatives (count, 6, 12) by dv0, e0, b_a,
+    b_g, three each, or (0, 6, 12). All is 0 in a bin without weight.
     """
     outputs, total, now = np.zeros((count, OUTPUTS)), np.zeros((count, OUTPUTS)), np.empty(OUTPUTS)
     slopes = np.zeros((count if with_slopes else 0, OUTPUTS, 12))
@@ -62,10 +62,9 @@ def integrated_outputs(
         now[0] = np.sqrt(ahead**2 + flow[1] ** 2)
         now[1] = np.arctan2(flow[2], flow[0])
         now[2] = np.arctan2(flow[1], ahead)
-        now[3] = np.arctan2(c[2, 1], c[2, 2])
+        now[3] = _near(np.arctan2(c[2, 1], c[2, 2]), measured[b, 3])
         now[4] = -np.arcsin(min(max(c[2, 0], -1.0), 1.0))
-        yaw = np.arctan2(c[1, 0], c[0, 0])
-        now[5] = heading[b] + (yaw - heading[b] + np.pi) % (2.0 * np.pi) - np.pi
+        now[5] = _near(np.arctan2(c[1, 0], c[0, 0]), measured[b, 5])
         for j in range(OUTPUTS):
             outputs[b, j] += weights[i, j] * now[j]
             total[b, j] += weights[i, j]
@@ -78,6 +77,12 @@ def integrated_outputs(
             if with_slopes:
                 slopes[b, j] *= scale
     return outputs, slopes
+
+
+@njit(cache=True, nogil=True)
+def _near(angle: float, other: float) -> float:
+    """The angle, whole turns apart, that is within pi of the other one."""
+    return other + (angle - other + np.pi) % (2.0 * np.pi) - np.pi
 
 
 @njit(cache=True, nogil=True)

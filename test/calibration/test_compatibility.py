@@ -5,17 +5,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from aircraft_sysid_ros.aircraft.frames import quaternion_exp, quaternion_product
+from aircraft_sysid_ros.aircraft.frames import quaternion_exp, quaternion_product, rotation_matrix
 from aircraft_sysid_ros.calibration import compatibility
 from aircraft_sysid_ros.calibration.calibration_file import AIR_DATA_ERRORS
 from aircraft_sysid_ros.calibration.compatibility import NAMES1, NAMES2, compatibility_flight
+from aircraft_sysid_ros.calibration.navigation import Navigation
 from aircraft_sysid_ros.calibration.procedure import Answer
 from aircraft_sysid_ros.calibration.report import _no_answers, calibrate_compatibility
 from aircraft_sysid_ros.effects.effect import with_setting
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.estimation.two_stage.decision import Decision
 from aircraft_sysid_ros.estimation.two_stage.residual_sampling import ResidualSamples
-from aircraft_sysid_ros.samples import Kind
+from aircraft_sysid_ros.samples import Kind, concatenate, samples_of
 from aircraft_sysid_ros.simulation.calibration_flight import calibration_flight
 
 
@@ -112,6 +113,32 @@ def test_no_start_is_left_in_what_is_projected(made, calibration_flown):
     moved = replace(data, velocity0=data.velocity0 + 0.05)
     change = (moved.outputs(biases) - data.outputs(biases)) / data.scale
     assert np.linalg.norm(data.projected(change)) < 0.02 * np.linalg.norm(change * data.there)
+
+
+def test_a_full_roll_leaves_no_turn_in_what_follows(aircraft, monkeypatch):
+    """Roll was counted on over the aileron roll, and all that came after it differed by 360 deg from the IMU."""
+    time = np.arange(0.0, 100.0, 0.02)
+    rate = np.where((time > 30.0) & (time < 34.0), 0.5 * np.pi, 0.0)
+    roll = np.clip(time - 30.0, 0.0, 4.0) * 0.5 * np.pi
+    turned, zero = quaternions(roll), np.zeros(len(time))
+    rotation = np.array([rotation_matrix(q) for q in turned])
+    force = -9.80665 * rotation[:, 2]
+    stamps = np.round(time * 1e9).astype(np.int64)
+    samples = concatenate([
+        samples_of(Kind.IMU, stamps, force, np.column_stack([rate, zero, zero])),
+        samples_of(Kind.ATTITUDE, stamps, turned), samples_of(Kind.AIRSPEED, stamps, zero + 25.0),
+        samples_of(Kind.ANGLE_OF_ATTACK, stamps, zero), samples_of(Kind.SIDESLIP, stamps, zero),
+    ])  # fmt: skip
+    ahead = np.column_stack([zero + 25.0, zero, zero])
+    flown = Navigation(0, time, ahead, rotation, np.column_stack([rate, zero, zero]), zero, 0.0 * ahead, np.zeros(3))
+    monkeypatch.setattr(compatibility, "navigate", lambda *_: flown)
+    data = compatibility_flight(samples, aircraft).data
+    left = data.there * (data.measured - data.outputs(np.zeros(6)))
+    assert np.max(np.abs(left[:, 3])) < 0.05 and np.mean(data.there[:, 3]) > 0.95
+
+
+def quaternions(roll):
+    return np.column_stack([np.cos(0.5 * roll), np.sin(0.5 * roll), 0.0 * roll, 0.0 * roll])
 
 
 @pytest.mark.long
