@@ -11,7 +11,7 @@ from certificate_flights import AIRS, LOSS_DURATION, Record, first_moves, mode_p
 
 Array = npt.NDArray[np.float64]
 
-EXCITED = 3.0  # rms of what only this term does, over its noise, in recursive least squares: as TrustRules
+EXCITED = 3.0  # rms of what only this term does, over its noise, in recursive least squares: as the thresholds
 NORMAL_95 = 1.96
 
 

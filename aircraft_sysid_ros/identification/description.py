@@ -14,13 +14,9 @@ from aircraft_sysid_ros.identification.coefficients.layout import CoefficientSam
 from aircraft_sysid_ros.identification.doubtful_constants import DoubtfulConstants, slopes_of_terms
 from aircraft_sysid_ros.identification.estimators.contract import AxisEstimate
 from aircraft_sysid_ros.identification.estimators.recursive_least_squares import RlsState, known_theta
-from aircraft_sysid_ros.identification.parameter_set import (
-    CORRECTION_ERROR,
-    ParameterEstimate,
-    ParameterSet,
-    axis_estimates,
-)
+from aircraft_sysid_ros.identification.parameter_set import ParameterEstimate, ParameterSet, axis_estimates
 from aircraft_sysid_ros.identification.prior import AxisPrior
+from aircraft_sysid_ros.identification.thresholds import THRESHOLDS
 from aircraft_sysid_ros.identification.undescribed.doubt import OfSensors, SensorDoubt
 from aircraft_sysid_ros.identification.undescribed.vanes import ANGLES
 
@@ -78,12 +74,13 @@ class Description(NamedTuple):
 
     def shared_variance(self) -> Array:
         """What sensors that nobody described leave in doubt of each parameter at all times of a flight alike
-        (parameters,): they do not change in it. Of what they do another motion shows a share of CORRECTION_ERROR anew.
+        (parameters,): they do not change in it. Of what they do another motion shows a share anew, as
+        ``correction`` of the thresholds says.
         """
         if self.sensors is None or self.sensors.is_new:
             return np.zeros(len(self.model.parameter_names))
         left = (np.zeros(0) if found is None else np.diag(found.covariance) for found in self.of_sensors())
-        return (1.0 - CORRECTION_ERROR**2) * np.concatenate([*left])
+        return (1.0 - THRESHOLDS.correction**2) * np.concatenate([*left])
 
     def __call__(self) -> ParameterSet:
         """The parameters, with standard errors corrected for coloured residuals and a verdict on each."""

@@ -11,8 +11,8 @@ and those angles are further from 0 than one sigma of them, nor is the constant.
 
 Nor are the changes right to the last: what an attitude lags or a wind is late by goes together with what the pilot
 does. An eighth of dC/d(angle) times one sigma of the angle ends in each other term, in flights of a jet without a
-sideslip vane. A parameter has HOLD where that, without the eighth, is above SHARE of what it moves the coefficient by
-on its own: a small one beside a large one, as the yaw of the ailerons.
+sideslip vane. A parameter has HOLD where that, without the eighth, is above ``inferred_share`` (``thresholds``) of what
+it moves the coefficient by on its own: a small one beside a large one, as the yaw of the ailerons.
 
 Without GPS nothing but the attitude, where there is one, tells a bias of the IMU from a constant of an axis, and
 standard errors know too little of it: constants have HOLD. So they have where several short manoeuvres each begin with
@@ -31,7 +31,8 @@ from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, AerodynamicModel
 from aircraft_sysid_ros.aircraft.signals import SIGNAL_INDEX
 from aircraft_sysid_ros.identification.coefficients.layout import CoefficientSample
 from aircraft_sysid_ros.identification.parameter_set import ParameterEstimate, ParameterSet
-from aircraft_sysid_ros.identification.trust import Trust, TrustRules
+from aircraft_sysid_ros.identification.thresholds import THRESHOLDS
+from aircraft_sysid_ros.identification.trust import Trust
 from aircraft_sysid_ros.reconstruction.state import INFERRED, WITHOUT_GPS, StateField
 
 Array = npt.NDArray[np.float64]
@@ -40,10 +41,6 @@ _NAMES = {"alpha": "angle of attack", "beta": "sideslip"}
 _COLUMNS = {"alpha": StateField.ANGLE_OF_ATTACK, "beta": StateField.SIDESLIP}
 _INFERRED = [code for code, angles in INFERRED.items() if angles]
 _STEP = 1e-4  # [rad] of the derivative
-#: What the error of an inferred angle does to a coefficient, over what a parameter does, from which it is in doubt.
-SHARE = 1.5
-#: Least share of an angle that is not noise for which its derivative, which noise makes smaller, is put right.
-_LEAST_SHARE = 0.3
 
 
 class DoubtfulConstants:
@@ -146,13 +143,14 @@ def _not_beside(
 ) -> list[ParameterEstimate]:
     """Those of an axis, with HOLD where the error of an angle may stand in them; ``own``: its derivative."""
     excited = parameters[own].excitation
-    whole = max(1.0 - 1.0 / max(excited, 1e-3) ** 2, _LEAST_SHARE)  # noise makes the derivative so much smaller
+    true = 1.0 - 1.0 / max(excited, 1e-3) ** 2  # noise makes the derivative so much smaller
+    whole = max(true, THRESHOLDS.inferred_motion)
     error = abs(parameters[own].value) / whole * noise[own]
     found = []
     for i in range(part.start, part.stop):
         p = parameters[i]
         moves = abs(p.value) * p.excitation * noise[i]
-        in_doubt = i != own and p.status == Trust.USE and noise[i] > 0.0 and error > SHARE * moves
+        in_doubt = i != own and p.status == Trust.USE and noise[i] > 0.0 and error > THRESHOLDS.inferred_share * moves
         found.append(replace(p, status=Trust.HOLD, reason=_rests_on(angle, noise[own])) if in_doubt else p)
     return found
 
@@ -163,6 +161,6 @@ def _rests_on(angle: str, std: float) -> str:
 
 def _judged(estimate: ParameterEstimate, std: float, angle: str, angle_std: float) -> ParameterEstimate:
     """A constant with its wider standard error; HOLD where it is no longer known well enough."""
-    if estimate.status != Trust.USE or std <= TrustRules().relative_error * abs(estimate.value):
+    if estimate.status != Trust.USE or std <= THRESHOLDS.relative_error * abs(estimate.value):
         return replace(estimate, std=std)
     return replace(estimate, std=std, status=Trust.HOLD, reason=_rests_on(angle, angle_std))

@@ -29,7 +29,7 @@ from aircraft_sysid_ros.identification.health import HealthWatch
 from aircraft_sysid_ros.identification.history import Carry, ParameterCheckpoint, SampleHistory
 from aircraft_sysid_ros.identification.landing import Known, Landing
 from aircraft_sysid_ros.identification.missing import Missing
-from aircraft_sysid_ros.identification.monitoring.covariance_reset import KNOWN, ChangeDetector
+from aircraft_sysid_ros.identification.monitoring.covariance_reset import ChangeDetector
 from aircraft_sysid_ros.identification.monitoring.doubts import when_saved
 from aircraft_sysid_ros.identification.monitoring.hold import Restore
 from aircraft_sysid_ros.identification.monitoring.integrity import IntegrityMonitor
@@ -43,6 +43,7 @@ from aircraft_sysid_ros.identification.parameter_set import (
 )
 from aircraft_sysid_ros.identification.predictions import KnownHistory
 from aircraft_sysid_ros.identification.prior import AxisPrior, FleetKnowledge
+from aircraft_sysid_ros.identification.thresholds import THRESHOLDS
 from aircraft_sysid_ros.identification.trust import Trust
 from aircraft_sysid_ros.identification.undescribed.sensors import UndescribedSensors
 from aircraft_sysid_ros.reconstruction.state import OF_THE_IMU, StateField
@@ -263,7 +264,7 @@ class Learning:
         self.undescribed.look(time, self._pace.interval)
         if self.fleet.is_due(time):
             self._look_at_prior(time, start)
-        self._restore(self.integrity.evaluate(time, state.updates >= KNOWN, misread))
+        self._restore(self.integrity.evaluate(time, state.updates >= THRESHOLDS.change_known, misread))
         if self.newest is not None and self.integrity.checkpoints.is_due(time):
             kept = self._checkpoint(time, used_until)
             self.integrity.keep(kept)

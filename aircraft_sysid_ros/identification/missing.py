@@ -19,13 +19,8 @@ from aircraft_sysid_ros.identification.coefficients.pace import (
     too_slow,
 )
 from aircraft_sysid_ros.identification.conditions import CONTROL_SIGNALS, LearntConditions, listed, needs
-from aircraft_sysid_ros.identification.trust import TrustRules
+from aircraft_sysid_ros.identification.thresholds import THRESHOLDS
 from aircraft_sysid_ros.reconstruction.options import LONGEST_WAIT
-
-#: Time [s] in which wind and attitude must show an angle that no vane measures before an axis that needs it is used: as
-#: much as any comparison of a model needs.
-LEAST_INFERRED = 20.0
-_RULES = TrustRules()
 
 
 class Missing(NamedTuple):
@@ -40,7 +35,7 @@ class Missing(NamedTuple):
 
     def why(self, axis: int, updates: int) -> str:
         """What keeps an axis of so many ``updates`` from being learnt, in words; empty: nothing but motion does."""
-        if updates >= _RULES.samples:
+        if updates >= THRESHOLDS.samples:
             return self._inferred_too_seldom(axis)
         if self.pace.is_too_slow:
             return too_slow(self.pace.rate)
@@ -67,8 +62,8 @@ class Missing(NamedTuple):
         So few seconds are of one manoeuvre and one error of the wind: of five values that were to be used in such
         flights of a stranger four were more than a quarter off.
         """
-        seconds = self.conditions.seconds[axis]
-        if seconds >= LEAST_INFERRED or not self.inferred:
+        seconds, needed_seconds = self.conditions.seconds[axis], THRESHOLDS.inferred_seconds
+        if seconds >= needed_seconds or not self.inferred:
             return ""
         needed, _ = self.conditions.signals_of(self.model, axis)
         angles = [name for name in self.inferred if name in needed]
@@ -76,7 +71,7 @@ class Missing(NamedTuple):
             return ""
         return (
             f"rests on {listed(angles)}, which no vane measures: wind and attitude have shown "
-            f"{'them' if len(angles) > 1 else 'it'} for {seconds:.0f} s, and {LEAST_INFERRED:.0f} s are needed"
+            f"{'them' if len(angles) > 1 else 'it'} for {seconds:.0f} s, and {needed_seconds:.0f} s are needed"
         )
 
     def _not_inferred(self, needed: tuple[str, ...]) -> str:

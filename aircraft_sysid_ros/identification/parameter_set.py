@@ -13,24 +13,19 @@ from aircraft_sysid_ros.aircraft.signals import CONTROL_WORDS
 from aircraft_sysid_ros.identification.estimators.contract import AxisEstimate
 from aircraft_sysid_ros.identification.estimators.recursive_least_squares import RlsState, least_squares
 from aircraft_sysid_ros.identification.prior import AxisPrior, helped
-from aircraft_sysid_ros.identification.trust import Evidence, Trust, TrustRules, disagree, judge
+from aircraft_sysid_ros.identification.thresholds import THRESHOLDS
+from aircraft_sysid_ros.identification.trust import Evidence, Trust, disagree, judge
 from aircraft_sysid_ros.identification.undescribed.doubt import OfSensors
 from aircraft_sysid_ros.kernels import njit
 
 Array = npt.NDArray[np.float64]
 
-#: A constant term is compared with this where others are compared with their noise.
-_NOISE_OF_ONE = 0.01
-#: Share of the square of a term from which it is said to follow others, by name the one with the largest part in it.
-_FOLLOWS = 0.8
 #: What is added to a correlation matrix that may be singular, where digits do not matter.
 _NEARLY = 1e-9
 #: Axes that gusts move by what they do across the wing and along the fuselage.
 _TURNED_BY_GUSTS = ("Cl", "Cn")
 #: What moves an axis.
 _INPUT_OF_AXIS = dict(zip(AXES, ("elevator", "rudder", "elevator", "aileron", "elevator", "rudder"), strict=True))
-#: One sigma of what a lag and a scale do to the parameters, over that: what filters make of a vane is not quite a lag.
-CORRECTION_ERROR = 0.25
 #: Smallest eigenvalue of a correlation matrix that is more than rounding.
 _ROUNDING = 1e-14
 
@@ -100,15 +95,14 @@ def axis_estimates(
         excitation, effect = excitation * with_help.gain, effect / with_help.gain
     values, stds = estimate.theta.tolist(), np.sqrt(np.diag(estimate.covariance)).tolist()
     effects, ages = effect.tolist(), (now - estimate.last_learnt).tolist()
-    rules, anywhere = TrustRules(), (-np.inf, np.inf)
-    by_gusts = _by_gusts(AXES[axis], names, excitation, rules)
+    anywhere, by_gusts = (-np.inf, np.inf), _by_gusts(AXES[axis], names, excitation)
     estimates = []
     for j, (name, excited) in enumerate(zip(names, excitation.tolist(), strict=True)):
         limits = bounds.get(name, anywhere) if bounds else anywhere
-        unexcited = not missing and excited < rules.excitation
+        unexcited = not missing and excited < THRESHOLDS.excitation
         follows = told_apart(AXES[axis], names, correlation, j) if unexcited else ""
         evidence = Evidence(name, values[j], stds[j], excited, effects[j], estimate.samples, missing, limits, follows)
-        status, reason = judge(evidence, rules)
+        status, reason = judge(evidence)
         if status == Trust.USE and apart[j]:
             status, reason = Trust.HOLD, f"recursive least squares says {known.theta[j]:.3g}"
         if status == Trust.USE and by_gusts and not name.endswith("_0"):
@@ -119,14 +113,14 @@ def axis_estimates(
     return estimates, estimate.covariance
 
 
-def _by_gusts(axis: str, names: Sequence[str], excitation: Array, rules: TrustRules) -> str:
+def _by_gusts(axis: str, names: Sequence[str], excitation: Array) -> str:
     """That no surface has moved an axis yet about which gusts turn an aeroplane by themselves; empty: one has.
 
     A gust that differs from tip to tip, or along the fuselage, is a rate of rotation that no gyro shows: what answers
     it comes out too small.
     """
     of_surfaces = [j for j, name in enumerate(names) if name.partition("_")[2] in ("da", "dr")]
-    if axis not in _TURNED_BY_GUSTS or not of_surfaces or np.any(excitation[of_surfaces] >= rules.excitation):
+    if axis not in _TURNED_BY_GUSTS or not of_surfaces or np.any(excitation[of_surfaces] >= THRESHOLDS.excitation):
         return ""
     return f"so far only gusts move {axis}: move the {_INPUT_OF_AXIS[axis]}"
 
@@ -148,7 +142,7 @@ def _with_sensors(estimate: AxisEstimate, sensors: OfSensors, of_another: bool) 
     """The estimate freed of what sensors do to it; that ``of_another`` estimator than least squares is only widened."""
     if of_another:
         return estimate._replace(covariance=estimate.covariance + sensors.covariance + sensors.found)
-    covariance = estimate.covariance + sensors.covariance + CORRECTION_ERROR**2 * sensors.found
+    covariance = estimate.covariance + sensors.covariance + THRESHOLDS.correction**2 * sensors.found
     return estimate._replace(theta=estimate.theta + sensors.shift, covariance=covariance)
 
 
@@ -164,7 +158,7 @@ def told_apart(axis: str, names: Sequence[str], correlation: Array, j: int) -> s
         share = np.nan_to_num(-inverse[j] / inverse[j, j] * correlation[j])  # of its square, of each other term
     share[j] = 0.0
     k = int(np.argmax(share))
-    if np.sum(share) < _FOLLOWS:
+    if np.sum(share) < THRESHOLDS.follows:
         return ""
     term, other = (names[i].partition("_")[2] for i in (j, k))
     told = f"; it follows {'the constant' if other == '0' else other}"
@@ -187,7 +181,7 @@ def motion_of_terms(sums: Array, noise_square: Array) -> tuple[Array, Array, Arr
         return (*_motion_of_some(sums, noise_square, there), per_unit)
     noise = np.sqrt(noise_square)
     alone = scale / np.sqrt(_inflation(correlation))
-    return np.asarray(alone / np.where(noise > 0.0, noise, _NOISE_OF_ONE)), correlation, per_unit
+    return np.asarray(alone / np.where(noise > 0.0, noise, THRESHOLDS.constant_noise)), correlation, per_unit
 
 
 def _motion_of_some(sums: Array, noise_square: Array, there: npt.NDArray[np.bool_]) -> tuple[Array, Array]:

@@ -24,7 +24,7 @@ from aircraft_sysid_ros.flight_model.layout import (
     process_slice,
 )
 from aircraft_sysid_ros.identification.conditions import needs
-from aircraft_sysid_ros.identification.trust import Evidence, TrustRules, disagree, judge
+from aircraft_sysid_ros.identification.trust import Evidence, disagree, judge
 from aircraft_sysid_ros.refinement.record import FlightRecord
 from aircraft_sysid_ros.refinement.refined_file import says_otherwise
 
@@ -107,7 +107,7 @@ def judged(
 
     ``doubts`` says of an axis why nothing in it is to be used; ``bounds`` are those of the aircraft file.
     """
-    rules, anywhere = TrustRules(), (-np.inf, np.inf)
+    anywhere = (-np.inf, np.inf)
     effect, found = scales.effect(std[: len(scales.rms)]), []
     per_unit = scales.effect(np.ones(len(scales.rms)))
     samples = int(record.in_flight.sum())
@@ -122,7 +122,7 @@ def judged(
         if active[i] or lacking:
             known = (name, float(theta[i]), float(std[i]), excited, float(effect[i]))
             evidence = Evidence(*known, samples, missing, bounds.get(name, anywhere))
-            verdict = judge(evidence, rules)
+            verdict = judge(evidence)
             status, reason = verdict.status.name, verdict.reason
             other = run_parameters.get(name, {})
             if status == "USE" and _contradicts(other, theta[i], std[i], per_unit[i]):

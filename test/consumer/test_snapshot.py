@@ -7,7 +7,7 @@ from aircraft_sysid_ros.consumer import ParameterSource, snapshot_of
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.identification.identifier import Identifier
 from aircraft_sysid_ros.identification.options import ParameterOptions
-from aircraft_sysid_ros.identification.trust import Evidence, Trust, TrustRules, judge
+from aircraft_sysid_ros.identification.trust import Evidence, Trust, judge
 from aircraft_sysid_ros.pipeline import Pipeline
 from aircraft_sysid_ros.ros_messages.output_messages import parameters_content
 from aircraft_sysid_ros.sensors.sensor_models import stamps_of
@@ -101,7 +101,7 @@ def test_a_small_parameter_that_is_little_known_is_no_fault(content):
     """Where thrust hardly moved, its factor is known to more than aeroplanes differ by, and the estimator says USE."""
     name, value, std = "CX_Tc", 1.0, 1.5
     evidence = Evidence(name, value, std, excitation=5.0, effect_of_std=0.01, samples=1000, missing="")
-    assert judge(evidence, TrustRules()).status == Trust.USE
+    assert judge(evidence).status == Trust.USE
     message = content(names=(name, "Cm_alpha", "Cm_de"), values=(value, -0.7, -0.85), std=(std, 0.02, 0.02))
     assert snapshot_of(0, message).usable.all()
 

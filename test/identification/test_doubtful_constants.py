@@ -8,8 +8,8 @@ import pytest
 from aircraft_sysid_ros.identification.coefficients.layout import CoefficientSample
 from aircraft_sysid_ros.identification.conditions import LearntConditions
 from aircraft_sysid_ros.identification.doubtful_constants import DoubtfulConstants
-from aircraft_sysid_ros.identification.missing import LEAST_INFERRED
 from aircraft_sysid_ros.identification.parameter_set import ParameterEstimate, ParameterSet
+from aircraft_sysid_ros.identification.thresholds import THRESHOLDS
 from aircraft_sysid_ros.identification.trust import Trust
 from aircraft_sysid_ros.pipeline import Pipeline
 from aircraft_sysid_ros.reconstruction.state import INFERRED, StateField
@@ -101,9 +101,9 @@ def test_seconds_in_which_wind_and_attitude_tell_an_angle_are_too_few_to_use_wha
         samples = samples[~due]
         found = pipeline.parameters.snapshot().parameters
         seconds.append(pipeline.parameters.learning.conditions.seconds.max())
-        reasons.append([p.reason for p in found if f"and {LEAST_INFERRED:.0f} s are needed" in p.reason])
+        reasons.append([p.reason for p in found if f"and {THRESHOLDS.inferred_seconds:.0f} s are needed" in p.reason])
         used.append(sum(p.status == Trust.USE for p in found))
-    assert 5.0 < seconds[0] < LEAST_INFERRED < seconds[1]
+    assert 5.0 < seconds[0] < THRESHOLDS.inferred_seconds < seconds[1]
     assert len(reasons[0]) == len(aircraft.model.parameter_names) and used[0] == 0
     assert not reasons[1] and used[1] > 3
 

@@ -11,6 +11,7 @@ from aircraft_sysid_ros.identification.estimators import choice
 from aircraft_sysid_ros.identification.flight_memory import SampleMemory
 from aircraft_sysid_ros.identification.model_change import change_model, with_terms
 from aircraft_sysid_ros.identification.options import ParameterOptions
+from aircraft_sysid_ros.identification.thresholds import THRESHOLDS
 from aircraft_sysid_ros.identification.trust import Trust
 from aircraft_sysid_ros.pipeline import Pipeline
 from aircraft_sysid_ros.reconstruction.state import StateField, Status
@@ -150,8 +151,8 @@ class Sky:
 
 
 def test_gusts_have_to_last_and_calm_air_counts_against_them(aircraft):
-    assert not Sky(aircraft).fly(choice.PATIENCE - 1.0)
-    assert Sky(aircraft).fly(choice.PATIENCE + 3.0)
+    assert not Sky(aircraft).fly(THRESHOLDS.gusts_last - 1.0)
+    assert Sky(aircraft).fly(THRESHOLDS.gusts_last + 3.0)
     sky = Sky(aircraft)
     assert not any(sky.fly(10.0) or sky.fly(10.0, late=0.1) for _ in range(5))
     assert Sky(aircraft).fly(100.0) and not Sky(aircraft).fly(100.0, late=0.3)

@@ -12,11 +12,12 @@ from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.identification.coefficients.layout import CoefficientSample
 from aircraft_sysid_ros.identification.history import ParameterCheckpoint, SampleHistory
 from aircraft_sysid_ros.identification.identifier import Identifier
-from aircraft_sysid_ros.identification.monitoring.agreement import BEFORE, BLOCK, NEWEST, SplitHalfAgreement, solved
+from aircraft_sysid_ros.identification.monitoring.agreement import BLOCK, NEWEST, SplitHalfAgreement, solved
 from aircraft_sysid_ros.identification.monitoring.integrity import IntegrityMonitor
 from aircraft_sysid_ros.identification.monitoring.sensor_faults import SensorFaultDetector
 from aircraft_sysid_ros.identification.options import ParameterOptions
-from aircraft_sysid_ros.identification.trust import Evidence, Trust, TrustRules, disagree, judge
+from aircraft_sysid_ros.identification.thresholds import THRESHOLDS
+from aircraft_sysid_ros.identification.trust import Evidence, Trust, disagree, judge
 from aircraft_sysid_ros.pipeline import Pipeline
 from aircraft_sysid_ros.reconstruction.state import (
     D_ACCELEROMETER_BIAS,
@@ -48,7 +49,7 @@ def evidence(value: float, std: float = 0.05, bounds=(-8.0, -2.0)) -> Evidence:
      (-9.0, 0.05, Trust.REJECT), (-1.0, 5.0, Trust.HOLD)],
 )  # fmt: skip
 def test_nothing_outside_the_bounds_of_the_file_is_used(value, std, status):
-    verdict = judge(evidence(value, std), TrustRules())
+    verdict = judge(evidence(value, std))
     assert verdict.status == status
     assert ("bounds of the aircraft file (-8 to -2)" in verdict.reason) == (status != Trust.USE)
 
@@ -85,7 +86,10 @@ def test_the_model_has_cm_where_the_tests_put_it(aircraft):
 def test_halves_of_the_same_flight_agree_in_two_hundred_draws(aircraft):
     rng, theta = np.random.default_rng(1), np.array([0.02, -0.7, -7.0, -0.85])
     for _ in range(200):
-        halves, points = SplitHalfAgreement(aircraft.model, 1.0), motion(rng, (NEWEST + BEFORE + 1) * BLOCK, theta)
+        halves, points = (
+            SplitHalfAgreement(aircraft.model, 1.0),
+            motion(rng, (NEWEST + THRESHOLDS.disagree_blocks + 1) * BLOCK, theta),
+        )
         for part in np.split(points, len(points) // 25):
             halves.add(ONLY_CM, part)
         assert halves.disagreeing(CM, std_of(points), np.zeros(4)) == {}

@@ -24,11 +24,11 @@ from aircraft_sysid_ros.identification.monitoring.coefficient_noise import Coeff
 from aircraft_sysid_ros.identification.monitoring.residuals import (
     FIT_BLOCKS,
     GUARD,
-    LEAST_BLOCKS,
     WINDOW,
     ResidualMonitor,
 )
-from aircraft_sysid_ros.identification.trust import BEYOND_NOISE, Trust, lack_of_fit
+from aircraft_sysid_ros.identification.thresholds import THRESHOLDS
+from aircraft_sysid_ros.identification.trust import Trust, lack_of_fit
 from aircraft_sysid_ros.pipeline import Pipeline
 from aircraft_sysid_ros.reconstruction.state import StateField
 from aircraft_sysid_ros.simulation.simulated_flight import simulate_samples
@@ -79,7 +79,7 @@ def test_it_is_one_minus_the_share_of_the_variance_that_is_explained(block):
 
 def test_a_coefficient_that_hardly_moves_says_nothing_of_a_model_that_explained_its_motion():
     random, monitor = np.random.default_rng(2), ResidualMonitor(STEP)
-    moving = np.sin(np.arange(LEAST_BLOCKS * WINDOW + GUARD) * 0.2)
+    moving = np.sin(np.arange(THRESHOLDS.least_blocks * WINDOW + GUARD) * 0.2)
     noise = 0.02 * random.normal(size=200 * WINDOW)
     measured = np.concatenate([moving, noise])
     predicted = np.concatenate([moving + 0.02, np.zeros(len(noise))])  # in cruise all is noise
@@ -112,7 +112,7 @@ def test_a_model_that_is_wrong_in_a_part_of_the_motion_is_told_by_a_tenth_of_it(
     wrong = random.normal(0.0, 0.02, len(truth))
     wrong[15 * WINDOW : 19 * WINDOW] *= 3.5
     monitor.add(samples_of(truth), predictions(truth + wrong), ALL, noise)
-    assert monitor.over_noise(4) < 0.6 * BEYOND_NOISE
+    assert monitor.over_noise(4) < 0.6 * THRESHOLDS.beyond_noise
     assert 3.0 < monitor.worst_over_noise(4) < 4.2 and np.isnan(monitor.worst_over_noise(0))
     words = lack_of_fit("Cm", 0.02, monitor.over_noise(4), monitor.worst_over_noise(4))
     assert words.startswith("the error of Cm is ") and words.endswith("in a tenth of the motion")
@@ -171,10 +171,10 @@ def test_an_axis_whose_coefficient_the_model_does_not_explain_has_hold_and_says_
     identifier = flown(aircraft, samples)
     found, unexplained = identifier.snapshot(), identifier.learning.integrity.errors.monitor.unexplained
     over_noise = identifier.learning.integrity.errors.monitor.over_noise
-    assert over_noise(AXES.index("CZ")) > BEYOND_NOISE and unexplained(AXES.index("CZ")) < 0.2
+    assert over_noise(AXES.index("CZ")) > THRESHOLDS.beyond_noise and unexplained(AXES.index("CZ")) < 0.2
     assert not any(p.status == Trust.USE for p in of_axis(found, "CZ"))
     assert any("times its noise: the model explains " in p.reason for p in of_axis(found, "CZ"))
-    assert over_noise(AXES.index("Cl")) < 0.6 * BEYOND_NOISE
+    assert over_noise(AXES.index("Cl")) < 0.6 * THRESHOLDS.beyond_noise
     assert all(p.status == Trust.HOLD for p in of_axis(found, "Cm"))
     known = flown(flight.oracle, flight.samples)
     assert not any("the model explains" in p.reason for p in known.snapshot().parameters)

@@ -9,12 +9,11 @@ from aircraft_sysid_ros.config_files import config_path
 from aircraft_sysid_ros.identification.coefficients.layout import CoefficientSample
 from aircraft_sysid_ros.identification.monitoring.range_agreement import (
     EVERY,
-    LEAST,
-    SIGMAS,
     RangeAgreement,
     agreeing,
     said_by_either,
 )
+from aircraft_sysid_ros.identification.thresholds import THRESHOLDS
 
 CM, PART, THETA = 4, slice(22, 26), np.array([0.02, -0.7, -7.0, -0.85])
 ONLY_CM = np.arange(6) == CM
@@ -71,7 +70,7 @@ def test_what_bends_is_named_with_both_values_though_its_error_is_that_of_the_no
 
 def test_too_little_motion_says_nothing_and_an_axis_begins_anew(model):
     points = motion(np.random.default_rng(5), bend=5.0)
-    assert said(model, points[: 25 * (2 * LEAST - 1)]) == ""
+    assert said(model, points[: 25 * (2 * THRESHOLDS.range_blocks - 1)]) == ""
     ranges = RangeAgreement(model)
     ranges.add(ONLY_CM, points)
     assert ranges.disagreement(CM, NOISE)
@@ -117,8 +116,8 @@ def test_a_part_is_surer_by_what_the_other_parameters_say_if_these_are_the_same_
         weight[:3, :3], weight[3:, 3:] = np.linalg.inv(covariance[0]), np.linalg.inv(covariance[1])
         inverse = np.linalg.inv(x.T @ weight @ x)
         value, std = (inverse @ x.T @ weight @ theta.ravel())[:2], np.sqrt(np.diag(inverse)[:2])
-        assert least[j] == pytest.approx(np.min(value - SIGMAS * std))
-        assert most[j] == pytest.approx(np.max(value + SIGMAS * std))
+        assert least[j] == pytest.approx(np.min(value - THRESHOLDS.range_sigma * std))
+        assert most[j] == pytest.approx(np.max(value + THRESHOLDS.range_sigma * std))
 
 
 def test_what_bends_not_is_spared_unless_one_part_does_not_know_it(model):

@@ -38,8 +38,9 @@ from aircraft_sysid_ros.identification.model_file import parameters_json
 from aircraft_sysid_ros.identification.monitoring.covariance_reset import ChangeDetector
 from aircraft_sysid_ros.identification.monitoring.hold import _since
 from aircraft_sysid_ros.identification.monitoring.integrity import IntegrityMonitor
-from aircraft_sysid_ros.identification.monitoring.residuals import LEAST_BLOCKS, RATIO, WINDOW, ResidualMonitor
+from aircraft_sysid_ros.identification.monitoring.residuals import WINDOW, ResidualMonitor
 from aircraft_sysid_ros.identification.options import ParameterOptions
+from aircraft_sysid_ros.identification.thresholds import THRESHOLDS
 from aircraft_sysid_ros.identification.trust import Trust
 from aircraft_sysid_ros.pipeline import Pipeline
 from aircraft_sysid_ros.sensors.sensor_models import SensorOptions
@@ -122,11 +123,13 @@ def test_evaluations_that_are_scattered_over_a_cruise_are_no_second_of_motion():
 def test_what_the_parameters_may_be_wrong_by_is_no_change():
     errors = np.random.default_rng(2).standard_normal(2000)
     errors[1500:] *= 10.0
-    assert look_through(ResidualMonitor(STEP), points_of(errors), uncertainty=100.0 / RATIO**2) is None
+    assert (
+        look_through(ResidualMonitor(STEP), points_of(errors), uncertainty=100.0 / THRESHOLDS.change_ratio**2) is None
+    )
 
 
 def test_there_is_no_alarm_before_the_errors_are_known_nor_where_the_axis_does_not_learn():
-    early = LEAST_BLOCKS * WINDOW - 10
+    early = THRESHOLDS.least_blocks * WINDOW - 10
     errors = np.random.default_rng(2).standard_normal(2000)
     errors[early:] *= 30.0
     assert look_through(ResidualMonitor(STEP), points_of(errors)) is None

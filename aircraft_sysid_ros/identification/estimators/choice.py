@@ -5,7 +5,7 @@ calm, it is covered best or as well as any in all that was measured (benchmarks/
 94 to 100 % of its 95 % intervals hold the truth, of ``fourier`` 87 to 97 %, of ``rml`` 92 to 95 %), at a tenth of the
 work of ``rml``. In gusts without vanes in the regressors it takes the lateness of the filter for pitch damping, and
 ``rml``, which predicts the vanes at their own times, does not (benchmarks/results/choice.json). So ``rml`` takes over
-where for PATIENCE seconds of flight, more than not, all of these hold:
+where for ``gusts_last`` seconds of flight, more than not, all of these hold:
 
 - the error of the filter's angles is far beyond what calm air leaves, for the noise and the rate of the vanes;
 - vanes are heard, and yet none stands in the regressors: they are slow, or the IMU is;
@@ -36,19 +36,13 @@ from aircraft_sysid_ros.identification.coefficients.pace import Pace
 from aircraft_sysid_ros.identification.estimators.contract import AxisEstimate
 from aircraft_sysid_ros.identification.estimators.maximum_likelihood import MaximumLikelihoodEstimator
 from aircraft_sysid_ros.identification.options import ParameterOptions
-from aircraft_sysid_ros.identification.trust import TrustRules
+from aircraft_sysid_ros.identification.thresholds import THRESHOLDS
 from aircraft_sysid_ros.reconstruction.filter_setup import measured_at, stamp_delays
 from aircraft_sysid_ros.reconstruction.state import StateField, Status
 from aircraft_sysid_ros.samples import Kind, Samples
 
 Array = npt.NDArray[np.float64]
 
-#: Error of the filter's angles over the noise of a vane in the differentiating window (variances) from which gusts
-#: make it late. On simulated flights it was 0.4 to 1.6 in calm air and 6 to 35 in turbulence, vanes at 2 to 50 Hz and
-#: the IMU at 10 to 100 Hz.
-LATE = 3.0
-#: Time [s] of flight that has to be late, more than not: the filter begins by allowing for gusts.
-PATIENCE = 20.0
 #: So many intervals say how fast vanes come, and so old [s] may the newest sample be.
 _INTERVALS, _OLDEST = 5, 2.0
 _KINDS = [int(kind) for kind in (
@@ -159,8 +153,8 @@ class EstimatorChoice:
         if history[FLYING] > 0.0 and self._options.measured_angles:
             unused = not history[VANE_NOISE : VANE_NOISE + 2].any() and row[StateField.STATUS] == Status.OK
             late = trusted and unused and self._is_late(row, interval)
-            self._late = min(max(self._late + (elapsed if late else -elapsed), 0.0), PATIENCE)
-        if self._late >= PATIENCE and self.successor is None and not self._refused:
+            self._late = min(max(self._late + (elapsed if late else -elapsed), 0.0), THRESHOLDS.gusts_last)
+        if self._late >= THRESHOLDS.gusts_last and self.successor is None and not self._refused:
             self._begin(time, interval)
         while self._waiting and (self.successor is not None or self._waiting[0].newest < time):
             self._waiting.popleft()
@@ -178,7 +172,7 @@ class EstimatorChoice:
 
     def _is_late(self, row: Array, interval: float) -> bool:
         left = self._of_vane**2 * share_in_window(interval, self._options.half_width)
-        return bool((row[StateField.AIR_VELOCITY_STD] / row[StateField.AIRSPEED]) ** 2 > LATE * left)
+        return bool((row[StateField.AIR_VELOCITY_STD] / row[StateField.AIRSPEED]) ** 2 > THRESHOLDS.gust_share * left)
 
     def _begin(self, time: float, interval: float) -> None:
         late = "in gusts the angles of the filter are late, and "
@@ -202,4 +196,4 @@ class EstimatorChoice:
 
 
 def _is_known(found: AxisEstimate) -> bool:
-    return found.samples >= TrustRules().samples and bool(np.isfinite(found.covariance).all())
+    return found.samples >= THRESHOLDS.samples and bool(np.isfinite(found.covariance).all())

@@ -66,6 +66,7 @@ from aircraft_sysid_ros.identification.estimators.fourier_transforms import (
 from aircraft_sysid_ros.identification.estimators.reset_prior import FORGOTTEN, MEMORY, within_prior
 from aircraft_sysid_ros.identification.estimators.vane_noise import compensation
 from aircraft_sysid_ros.identification.options import ParameterOptions
+from aircraft_sysid_ros.identification.thresholds import THRESHOLDS
 from aircraft_sysid_ros.samples import Samples
 
 Array = npt.NDArray[np.float64]
@@ -78,8 +79,6 @@ _MOST_FREQUENCIES = 200
 _REFRESH = 1.0
 #: Fits from this long [s] before a change are not touched by it, nor rows from this long after it.
 _MARGIN = 0.1
-#: A constant term is compared with this where others are compared with their noise.
-_NOISE_OF_ONE = 0.01
 _SURFACES = ("de", "da", "dr", "flaps")
 #: Signals whose noise is white at the rate of a sensor; that of others is slow and lies in the band as a whole.
 _WHITE = {"p": "gyro", "q": "gyro", "r": "gyro"} | dict.fromkeys(_SURFACES, "control_surfaces")
@@ -224,7 +223,7 @@ class FourierEstimator:
         covariance = put_right.widened(spectral_covariance(fit, regressors, window) + systematic, theta)
         variance = np.where(fit.solution.determined, np.diag(fit.solution.inverse) * unit, np.inf)
         alone = 1.0 / np.sqrt(variance)  # rms of what no other term explains, in the band
-        excitation = alone / np.where(all_noise > 0.0, np.sqrt(all_noise), _NOISE_OF_ONE)
+        excitation = alone / np.where(all_noise > 0.0, np.sqrt(all_noise), THRESHOLDS.constant_noise)
         return AxisEstimate(put_right.freed(theta), covariance, samples, learnt, excitation)
 
     def _has_enough(self, axis: int) -> bool:

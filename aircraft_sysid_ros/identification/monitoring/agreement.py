@@ -2,8 +2,8 @@
 
 Estimates a and b of one parameter, of which each says its standard error, disagree where
 
-    |a - b| > SIGMA sqrt(s_a^2 + s_b^2),    |a - b| > SHARE |a|,    and |a - b| moves the coefficient by more than a
-    share NEGLIGIBLE of its spread:
+    |a - b| > disagree_sigma sqrt(s_a^2 + s_b^2),    |a - b| > disagree_share |a|,    and |a - b| moves the coefficient
+    by more than a share disagree_effect of its spread (``thresholds``):
 
 surely, and by a size that matters. Correlated errors make the true difference smaller than the first says.
 
@@ -29,6 +29,7 @@ import numpy.typing as npt
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, AerodynamicModel
 from aircraft_sysid_ros.estimation.iterated_ekf import cholesky
 from aircraft_sysid_ros.identification.coefficients.layout import LEARNT, MEASURED, TERMS_OF_SAMPLE
+from aircraft_sysid_ros.identification.thresholds import THRESHOLDS
 from aircraft_sysid_ros.identification.trust import are_far, disagree
 from aircraft_sysid_ros.kernels import njit
 
@@ -36,8 +37,8 @@ Array = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
 Integers = npt.NDArray[np.int64]
 
-#: Evaluations of a block of motion; blocks of the newest part, and the least number of them before it.
-BLOCK, NEWEST, BEFORE = 125, 3, 3
+#: Evaluations of a block of motion, and blocks of the newest part.
+BLOCK, NEWEST = 125, 3
 
 
 @njit(cache=True)
@@ -101,7 +102,7 @@ class SplitHalfAgreement:
         self._open[axis], self._count[axis] = 0.0, 0.0
         if len(blocks) > NEWEST:
             self._before[axis] = self._fade * self._before[axis] + blocks.popleft()
-        enough = len(blocks) == NEWEST and self._before[axis][-1, -1] >= BEFORE * BLOCK
+        enough = len(blocks) == NEWEST and self._before[axis][-1, -1] >= THRESHOLDS.disagree_blocks * BLOCK
         self._parts[axis] = parts_of(np.sum(blocks, axis=0), self._before[axis]) if enough else None
 
     def are_apart(self, axis: int) -> bool:

@@ -39,7 +39,7 @@ from aircraft_sysid_ros.identification.coefficients.layout import (
 )
 from aircraft_sysid_ros.identification.history import ParameterCheckpoint
 from aircraft_sysid_ros.identification.monitoring.quiet_noise import follow, in_use, new_quiet_noise
-from aircraft_sysid_ros.identification.trust import TrustRules
+from aircraft_sysid_ros.identification.thresholds import THRESHOLDS
 from aircraft_sysid_ros.kernels import njit
 from aircraft_sysid_ros.reconstruction.sensor_noise import imu_interval, imu_scales, learn_imu, new_imu_noise
 from aircraft_sysid_ros.reconstruction.sparse_imu import LONG
@@ -50,10 +50,7 @@ Integers = npt.NDArray[np.int64]
 
 #: The force whose error shows what the noise of an angle can be.
 _SHOWN_BY = {"alpha": "CZ", "beta": "CY"}
-#: Variance of a prediction by least squares over that of noise from which the sample says nothing.
-_MOST_RELATIVE = 1.0
-#: The same where another estimator is published: what it knows from little it takes for sure.
-_MOST_OF_ANOTHER = 0.1
+_LITTLE_KNOWN, _OF_ANOTHER = THRESHOLDS.little_known, THRESHOLDS.little_known_of_another
 _QBAR = CoefficientSample.SIGNALS.start + SIGNAL_INDEX["qbar"]
 _TIME, _FORCE, _RATES = StateField.TIME, StateField.SPECIFIC_FORCE.start, StateField.ANGULAR_VELOCITY.start
 
@@ -120,7 +117,7 @@ def _add_parameters(samples: Array, offsets: Integers, p: Array, own: Array, out
                 for j in range(last - first):
                     relative += x[i] * p[axis, i, j] * x[j]
                     total += x[i] * own[axis, i, j] * x[j]
-            known = relative <= (_MOST_RELATIVE if total == 0.0 else _MOST_OF_ANOTHER)
+            known = relative <= (_LITTLE_KNOWN if total == 0.0 else _OF_ANOTHER)
             out[k, axis] = out[k, axis] * (1.0 + relative) + total if known else np.nan
 
 
@@ -171,7 +168,7 @@ class CoefficientNoise:
             theta = known.theta[axis, :n] if own is None else np.nan_to_num(own.theta)
             terms[axis] = theta**2 @ (known.noise_square[part] * _shares(axis, self._forces[axis], over_noise))
             if own is not None:
-                enough = own.samples >= TrustRules().samples
+                enough = own.samples >= THRESHOLDS.samples
                 self._own[axis, :n, :n] = own.covariance if enough else np.nan
         self._terms = terms
 

@@ -32,7 +32,6 @@ import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, AerodynamicModel
 from aircraft_sysid_ros.aircraft.signals import SURFACE_WORDS
-from aircraft_sysid_ros.identification.coefficients.evaluation import LARGEST_CONSISTENCY
 from aircraft_sysid_ros.identification.coefficients.layout import CoefficientSample
 from aircraft_sysid_ros.identification.estimators.contract import AxisEstimate, AxisReset
 from aircraft_sysid_ros.identification.estimators.recursive_least_squares import RlsState, least_squares
@@ -43,26 +42,20 @@ from aircraft_sysid_ros.identification.estimators.reset_prior import (
     spread_of_terms,
 )
 from aircraft_sysid_ros.identification.history import SampleHistory
-from aircraft_sysid_ros.identification.monitoring.residuals import RATIO, ResidualMonitor
-from aircraft_sysid_ros.identification.trust import TrustRules
+from aircraft_sysid_ros.identification.monitoring.residuals import ResidualMonitor
+from aircraft_sysid_ros.identification.thresholds import THRESHOLDS
 from aircraft_sysid_ros.identification.undescribed.moved_surfaces import COUNT, FIRST, derivatives_of
 from aircraft_sysid_ros.reconstruction.state import StateField
 
 Array = npt.NDArray[np.float64]
 
-#: Evaluations that an axis has learnt from before its errors count.
-KNOWN = 250
 #: Parameters from this long [s] before the first window that the change is in are those from before it.
 _MARGIN = 0.1
 #: Half-widths from the change to the first window that is all after it, one of them for the error of its time.
 _STRADDLE = 2.0
-#: Seconds after a change at which is asked whether it was still going on, by samples of so long [s].
-_ASKED, _LATEST = (6.0, 9.0, 12.0, 15.0, 18.0), 4.0
-#: Standard errors by which the level before differs then, and time [s] for which errors are alike.
-_SURELY, _ALIKE = 4.0, 1.0
+#: Time [s] for which errors are alike.
+_ALIKE = 1.0
 _TIME = CoefficientSample.TIME
-#: Standard errors by which surfaces may be late.
-_LATEST_BY = 3.0
 #: Axes of one plane, in which the same surfaces act.
 _PLANES = (("CX", "CZ", "Cm"), ("CY", "Cl", "Cn"))
 
@@ -123,7 +116,7 @@ class ChangeDetector:
     def add_states(self, rows: Array) -> None:
         """States (n, StateField.WIDTH) that samples come from."""
         if not self._at_odds:
-            self._at_odds = bool((rows[:, StateField.CONSISTENCY] > 0.5 * LARGEST_CONSISTENCY).any())
+            self._at_odds = bool((rows[:, StateField.CONSISTENCY] > THRESHOLDS.change_at_odds).any())
 
     def _follow(self, state: RlsState) -> None:
         """What came since the last evaluation, all at once, so that it does not matter in what portions it came."""
@@ -136,7 +129,7 @@ class ChangeDetector:
         if at_odds or self._seen == first:
             return
         samples = self._history.since(first)
-        self.monitor.add(samples, self._history.by_least_squares(first), state.updates >= KNOWN)
+        self.monitor.add(samples, self._history.by_least_squares(first), state.updates >= THRESHOLDS.change_known)
         self._newest = float(samples[-1, _TIME])
 
     def evaluate(
@@ -172,7 +165,7 @@ class ChangeDetector:
                     self.times[axis] = reset.since - start
                 else:
                     reset = reset._replace(is_news=True)
-                self._settling[axis] = reset, reset.since + _ASKED[0]
+                self._settling[axis] = reset, reset.since + THRESHOLDS.change_asked[0]
                 resets = [*(other for other in resets if other.axis != axis), reset]
         return [*resets, *self._beside(resets, model, state)]
 
@@ -181,7 +174,7 @@ class ChangeDetector:
         changed = {AXES[reset.axis] for reset in resets if not (reset.is_again or reset.is_news)}
         others = {name for plane in _PLANES if changed.intersection(plane) for name in plane}
         beside = [axis for axis in range(len(AXES)) if AXES[axis] in others - {AXES[r.axis] for r in resets}]
-        return [self._opened(axis, model, state) for axis in beside if state.updates[axis] >= KNOWN]
+        return [self._opened(axis, model, state) for axis in beside if state.updates[axis] >= THRESHOLDS.change_known]
 
     def _opened(self, axis: int, model: AerodynamicModel, state: RlsState) -> AxisReset:
         """The command that opens what surfaces do in an axis; ``covariance`` is what is added to that of now."""
@@ -202,7 +195,7 @@ class ChangeDetector:
             again = self._gone_on(reset, model)
             if again is not None:
                 resets.append(again)
-            later = [reset.since + age for age in _ASKED if reset.since + age > self._newest]
+            later = [reset.since + age for age in THRESHOLDS.change_asked if reset.since + age > self._newest]
             if later:
                 self._settling[axis] = again or reset, later[0]
             else:
@@ -214,7 +207,7 @@ class ChangeDetector:
         axis, part, n = reset.axis, model.axis_slice(AXES[reset.axis]), len(reset.theta)
         samples, weights = self._since(reset.begin, np.inf)
         learnt = samples[:, CoefficientSample.LEARNT.start + axis] > 0.0
-        is_late = samples[:, _TIME] >= self._newest - _LATEST
+        is_late = samples[:, _TIME] >= self._newest - THRESHOLDS.change_newest
         x = samples[:, CoefficientSample.TERMS + part.start : CoefficientSample.TERMS + part.stop]
         y = samples[:, CoefficientSample.MEASURED.start + axis]
         late, early = learnt & is_late, learnt & ~is_late
@@ -224,11 +217,11 @@ class ChangeDetector:
         theta = inverse @ (reset.information @ reset.theta + x[late].T @ y[late])
         left, level = y[late] - x[late] @ theta, float(np.mean(y[early] - x[early] @ theta))
         mean = x[early].mean(axis=0)
-        alike = _ALIKE * (1.0 / _LATEST + 1.0 / max(float(np.ptp(samples[early, _TIME])), _ALIKE))
+        alike = _ALIKE * (1.0 / THRESHOLDS.change_newest + 1.0 / max(float(np.ptp(samples[early, _TIME])), _ALIKE))
         variance = reset.variance * float(mean @ inverse @ mean) + float(np.mean(left**2)) * alike
-        if level**2 < _SURELY**2 * variance:
+        if level**2 < THRESHOLDS.change_surely**2 * variance:
             return None
-        since = self._newest - _LATEST
+        since = self._newest - THRESHOLDS.change_newest
         return reset._replace(samples=samples[is_late], weights=weights[is_late], begin=since, is_again=True)
 
     def remember(self, state: RlsState) -> None:
@@ -241,11 +234,12 @@ class ChangeDetector:
     def relearnt(self, axis: int, model: AerodynamicModel, state: RlsState) -> AxisEstimate | None:
         """What recursive least squares knows of an axis that changed, once its standard errors are small again."""
         known, sums = least_squares(model, axis, state)
-        rules = TrustRules()
-        if known.samples < rules.samples:
+        if known.samples < THRESHOLDS.samples:
             return None
         std, n = np.sqrt(np.diag(known.covariance)), len(known.theta)
-        small = np.maximum(rules.relative_error * np.abs(known.theta), rules.negligible * spread_of_terms(sums[0]))
+        small = np.maximum(
+            THRESHOLDS.relative_error * np.abs(known.theta), THRESHOLDS.negligible * spread_of_terms(sums[0])
+        )
         return known if n and np.all(std <= small) else None
 
     def _explained(self, axis: int, model: AerodynamicModel, state: RlsState, lateness: float) -> float:
@@ -264,8 +258,10 @@ class ChangeDetector:
         if not len(x):
             return np.inf
         shares = np.einsum("ki,ij,kj->k", x, p[:n, :n], x)
-        late = (_LATEST_BY * lateness) ** 2 * _moved_by_surfaces(learnt, theta[:n], derivatives_of(model, axis))
-        return self.monitor.variance(axis) * float(shares.mean()) + (noise + late) / RATIO**2
+        late = (THRESHOLDS.change_late * lateness) ** 2 * _moved_by_surfaces(
+            learnt, theta[:n], derivatives_of(model, axis)
+        )
+        return self.monitor.variance(axis) * float(shares.mean()) + (noise + late) / THRESHOLDS.change_ratio**2
 
     def _reset_of(self, axis: int, model: AerodynamicModel, state: RlsState) -> AxisReset:
         begun = self.monitor.change_time(axis)

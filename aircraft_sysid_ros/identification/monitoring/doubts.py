@@ -1,15 +1,14 @@
 """Parameters in doubt though their axis is not held: it goes on learning, and they have HOLD.
 
-A model that explains less than three quarters of the variance of a coefficient, or whose error is BEYOND_NOISE times
-what noise makes of it (``coefficient_noise``), in all of the motion or in a tenth of it, lacks something, for which its
-parameters then stand. So does one that is another at large angles of attack than at small ones (``range_agreement``).
-Of that those are spared that hold in either range. C_X has the lift in it that is nearly all of C_Z: where that is not
-what was known, or is not one model, nor is C_X, and none of its parameters is spared.
-Where C_l is not explained, p is not what the wing rolls through: gusts that differ from tip to tip roll it as p does,
-and what answers them, p and aileron, says wrong things in C_Y and C_n, too.
-Where a parameter is what no aeroplane has, it stands for something else, and so may the others of its axis.
-A parameter of which the newest motion says something else than what was before it (``agreement``) is not to be used
-either.
+A model that explains less than three quarters of the variance of a coefficient, or whose error is ``beyond_noise``
+times what noise makes of it (``coefficient_noise``), in all of the motion or in a tenth of it, lacks something, for
+which its parameters then stand. So does one that is another at large angles of attack than at small ones
+(``range_agreement``). Of that those are spared that hold in either range. C_X has the lift in it that is nearly all of
+C_Z: where that is not what was known, or is not one model, nor is C_X, and none of its parameters is spared. Where C_l
+is not explained, p is not what the wing rolls through: gusts that differ from tip to tip roll it as p does, and what
+answers them, p and aileron, says wrong things in C_Y and C_n, too. Where a parameter is what no aeroplane has, it
+stands for something else, and so may the others of its axis. A parameter of which the newest motion says something else
+than what was before it (``agreement``) is not to be used either.
 """
 
 from __future__ import annotations
@@ -27,13 +26,11 @@ from aircraft_sysid_ros.identification.monitoring.hold import Hold, held
 from aircraft_sysid_ros.identification.monitoring.range_agreement import RangeAgreement
 from aircraft_sysid_ros.identification.monitoring.residuals import ResidualMonitor
 from aircraft_sysid_ros.identification.parameter_set import ParameterEstimate
+from aircraft_sysid_ros.identification.thresholds import THRESHOLDS
 from aircraft_sysid_ros.identification.trust import Trust, is_unphysical, lack_of_fit
 
 #: How the words for C_X begin where it is in doubt for the lift.
 OF_LIFT = "contains the lift that CZ has: "
-#: Blocks of motion (1 s each) after which a flight judges by itself what was in doubt when a model was saved, or when
-#: other axes got other terms.
-_JUDGED = 40
 _WHEN_SAVED = "when it was saved: "
 #: How those begin for what p and aileron do beside C_l.
 _OF_ROLL = "rests on the roll: "
@@ -95,7 +92,7 @@ class Doubts:
             words = lack_of_fit(name, unexplained, over_noise, np.nan if joint else worst)
             if not words and ranges[axis] and not ranges[axis].startswith(OF_LIFT):
                 self._spared[axis] = self._ranges.spared(axis, kept.theta[part])
-            if self._monitor.blocks(axis) >= _JUDGED:
+            if self._monitor.blocks(axis) >= THRESHOLDS.judged:
                 self._remembered.pop(axis, None)
             if words := words or ranges[axis] or self._remembered.get(axis, ""):
                 self._misfits[axis] = words

@@ -18,7 +18,8 @@ from aircraft_sysid_ros.identification.monitoring.error_levels import error_leve
 from aircraft_sysid_ros.identification.monitoring.isolation import Explanation, explanations
 from aircraft_sysid_ros.identification.monitoring.known_before import KnownBefore
 from aircraft_sysid_ros.identification.monitoring.news import is_news
-from aircraft_sysid_ros.identification.monitoring.residuals import SPREAD, WINDOW, ResidualMonitor
+from aircraft_sysid_ros.identification.monitoring.residuals import WINDOW, ResidualMonitor
+from aircraft_sysid_ros.identification.thresholds import THRESHOLDS
 from aircraft_sysid_ros.identification.trust import Trust
 
 Array = npt.NDArray[np.float64]
@@ -55,7 +56,7 @@ class ErrorWatch:
         self._model: AerodynamicModel = aircraft.model
         self._chord_over_span = aircraft.chord / aircraft.span
         self._history, self._checkpoints, self._known_before = history, checkpoints, known_before
-        self._window = SPREAD * WINDOW * step  # [s]
+        self._window = THRESHOLDS.window_spread * WINDOW * step  # [s]
         self._overlap = max(2.0 * half_width / step, 1.0)
         self.monitor = ResidualMonitor(step)
         self.restart()

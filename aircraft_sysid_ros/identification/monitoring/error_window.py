@@ -11,12 +11,10 @@ import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.identification.coefficients.layout import MEASURED, PREDICTED, VALID
+from aircraft_sysid_ros.identification.thresholds import THRESHOLDS
 from aircraft_sysid_ros.kernels import njit
 
 Array = npt.NDArray[np.float64]
-
-#: Windows that share nothing from which on it is said that a residual is white.
-_FEWEST = 10
 
 
 @dataclass(frozen=True)
@@ -48,7 +46,8 @@ def model_errors(samples: Array, apart: int, over_noise: Sequence[float]) -> lis
         count, measured, predicted, spread, rms, lag_one, correlation = _axis_error(samples, i, apart)
         if count > 2:
             nrmse = rms / spread if spread > 0.0 else np.nan
-            white = count >= _FEWEST * apart and abs(correlation) < 2.58 * np.sqrt(overlap / count)
+            enough = count >= THRESHOLDS.white_windows * apart
+            white = enough and abs(correlation) < THRESHOLDS.white_sigma * np.sqrt(overlap / count)
             errors.append(AxisError(axis, measured, predicted, nrmse, rms, lag_one, bool(white), float(over_noise[i])))
     return errors
 

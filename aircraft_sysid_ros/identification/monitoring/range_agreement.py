@@ -7,17 +7,19 @@ some SHARES of them. Least squares over either part give a and b; the model is o
 
 with g over each cluster of CLUSTER blocks of its part, K of them in the smaller one: what noise there is, of what
 colour, the flight shows by itself. p = M^-1 (m v * a) is the pull of noise of variance v in the terms on m samples.
-The parts disagree where F > SURE (about four standard errors in each of n parameters) and the rms of x' d over all
-motion is above LARGE times the spread of the coefficient. A stall, or whatever else bends, shows so, though the whole
-error may be near what noise is said to make.
+The parts disagree where F is above ``range_surely`` (``thresholds``; about four standard errors in each of n
+parameters) and the rms of x' d over all motion is above ``range_effect`` of the spread of the coefficient. A stall, or
+whatever else bends, shows so, though the whole error may be near what noise is said to make.
 
-What disagrees are the parameters without which F of the others is at most ALIKE. One of the others is spared where
-either part says so by itself: with the difference of the rest of them taken as noise, which makes both parts surer,
+What disagrees are the parameters without which F of the others is at most ``range_alike``. One of the others is spared
+where either part says so by itself: with the difference of the rest of them taken as noise, which makes both parts
+surer,
 
     a* = a + V_a C' (C (V_a + V_b) C')^-1 C d,    V_a* = V_a - V_a C' (C (V_a + V_b) C')^-1 C V_a,
 
-and b* alike, both are nearer to what is published than NEAR of it, by SIGMAS of their standard errors. That two parts
-do not differ is not enough: what moves too little in one of them to be known there is not spared.
+and b* alike, both are nearer to what is published than ``range_near`` of it, by ``range_sigma`` of their standard
+errors. That two parts do not differ is not enough: what moves too little in one of them to be known there is not
+spared.
 """
 
 from __future__ import annotations
@@ -29,27 +31,20 @@ from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, AerodynamicModel
 from aircraft_sysid_ros.aircraft.signals import SIGNAL_INDEX
 from aircraft_sysid_ros.identification.coefficients.layout import LEARNT, MEASURED, SIGNALS_OF_SAMPLE, TERMS_OF_SAMPLE
 from aircraft_sysid_ros.identification.monitoring.agreement import solved_sums
+from aircraft_sysid_ros.identification.thresholds import THRESHOLDS
 from aircraft_sysid_ros.kernels import njit
 
 Array = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
 Integers = npt.NDArray[np.int64]
 
-#: Evaluations of a block, blocks of a cluster (2 s), blocks that are remembered (ten minutes of motion), and the least
-#: number of them in either part.
-BLOCK, CLUSTER, MOST, LEAST = 25, 2, 600, 20
+#: Evaluations of a block, blocks of a cluster (2 s), blocks that are remembered (ten minutes of motion).
+BLOCK, CLUSTER, MOST = 25, 2, 600
 #: Where blocks are parted: shares of them with a smaller angle of attack.
 SHARES = np.array([0.25, 0.5, 0.75, 0.9])
-#: With right models F was at most 9 where the difference is LARGE, at any time of 35 flights; in eleven axes of nine
-#: flights through stalls it was 24 to 386 (benchmarks/stalls.py, flights of another maker).
-SURE, LARGE = 16.0, 0.1
-#: F of the parameters that agree, at most; share of a value that one of them is off by in either part at most, surely
-#: by so many standard errors: what is off by a quarter, from which a value counts as wrong, passes in one of 700 cases.
-ALIKE, NEAR, SIGMAS = 4.0, 0.25, 3.0
 #: New blocks after which an axis is looked at again.
 EVERY = 5
-#: Clusters of a part beyond the number of terms.
-_SPARE = 4
+_LEAST, _SPARE, _EFFECT = THRESHOLDS.range_blocks, THRESHOLDS.range_spare, THRESHOLDS.range_effect
 
 _ALPHA = SIGNALS_OF_SAMPLE + SIGNAL_INDEX["alpha"]
 
@@ -167,7 +162,7 @@ def _spread(
 
 @njit(cache=True)
 def _compare(sums: Array, rank: Integers, noise: Array, edge: Integers, theta: Array, covariance: Array) -> Array:
-    """F (partings,) of each parting, NaN where it cannot be told or the difference is not LARGE.
+    """F (partings,) of each parting, NaN where it cannot be told or the difference is too small to matter.
 
     ``sums`` (k, n + 2, n + 2) of blocks, ``rank`` (k,) of their angles. The ranks ``edge`` (partings,) at which it is
     parted, and ``theta`` (partings, 2, n) of the parts with ``covariance`` (partings, 2, n, n) are written.
@@ -181,7 +176,7 @@ def _compare(sums: Array, rank: Integers, noise: Array, edge: Integers, theta: A
     both, inverse = np.zeros((n + 2, n + 2)), np.empty((2, n, n))
     for k in range(len(edge)):
         edge[k] = int(SHARES[k] * count)
-        if edge[k] < LEAST or count - edge[k] < LEAST:
+        if edge[k] < _LEAST or count - edge[k] < _LEAST:
             continue
         low, high = (0, edge[k]), (edge[k], count)
         of_low = _part(sums, rank, low, theta[k, 0], inverse[0])
@@ -190,7 +185,7 @@ def _compare(sums: Array, rank: Integers, noise: Array, edge: Integers, theta: A
         for i in range(n):
             for j in range(n):
                 moved += d[i] * whole[i, j] / points * d[j]
-        if min(of_low, of_high) == 0.0 or not moved > LARGE**2 * variance:
+        if min(of_low, of_high) == 0.0 or not moved > _EFFECT**2 * variance:
             continue
         clusters = min(
             _spread(sums, rank, low, noise, of_low, theta[k, 0], inverse[0], covariance[k, 0]),
@@ -214,19 +209,21 @@ def _f(d: Array, covariance: Array, chosen: list[int]) -> float:
 
 
 def agreeing(theta: Array, covariance: Array) -> list[int]:
-    """Of the parameters (2, n) of two parts, with covariance (2, n, n), the most of which F is at most ALIKE.
+    """Of the parameters (2, n) of two parts, with covariance (2, n, n), the most of which F is at most ``range_alike``.
 
     One after the other is left out, that which carries most of the rest of the difference.
     """
     d, both = theta[1] - theta[0], covariance.sum(axis=0)
     chosen = list(range(len(d)))
-    while chosen and _f(d, both, chosen) > ALIKE:
+    while chosen and _f(d, both, chosen) > THRESHOLDS.range_alike:
         chosen.remove(min(chosen, key=lambda j: len(chosen) * _f(d, both, [i for i in chosen if i != j])))
     return chosen
 
 
 def said_by_either(theta: Array, covariance: Array) -> Array:
-    """Least and largest value (2, n) of each parameter by two parts, SIGMAS from it; infinite of what disagrees."""
+    """Least and largest value (2, n) of each parameter by two parts, some standard errors (``range_sigma``) from it;
+    infinite of what disagrees.
+    """
     d, both, chosen = theta[1] - theta[0], covariance.sum(axis=0), agreeing(theta, covariance)
     out = np.outer([-np.inf, np.inf], np.ones(len(d)))
     for j in chosen:
@@ -235,7 +232,7 @@ def said_by_either(theta: Array, covariance: Array) -> Array:
         shift = covariance[:, j, rest] @ gain  # (2, rest)
         value = theta[:, j] + np.array([1.0, -1.0]) * (shift @ d[rest])
         std = np.sqrt(np.maximum(covariance[:, j, j] - np.sum(shift * covariance[:, j, rest], axis=1), 0.0))
-        out[:, j] = np.min(value - SIGMAS * std), np.max(value + SIGMAS * std)
+        out[:, j] = np.min(value - THRESHOLDS.range_sigma * std), np.max(value + THRESHOLDS.range_sigma * std)
     return out
 
 
@@ -278,7 +275,7 @@ class RangeAgreement:
     def spared(self, axis: int, values: Array) -> Bools:
         """Of an axis whose model is not one, which of the values (n,) that are published hold in either part."""
         low, high = self._range[axis]
-        return np.asarray(np.maximum(values - low, high - values) < NEAR * np.abs(values))
+        return np.asarray(np.maximum(values - low, high - values) < THRESHOLDS.range_near * np.abs(values))
 
     def _judge(self, axis: int, noise: Array) -> str:
         size, n = min(int(self._count[axis]), MOST), len(noise)
@@ -292,9 +289,9 @@ class RangeAgreement:
             np.zeros((partings, 2, n, n)),
         )
         f = np.nan_to_num(_compare(self._sums[axis, :size], rank, noise, edge, theta, covariance))
-        if not (f > SURE).any():
+        if not (f > THRESHOLDS.range_surely).any():
             return ""
-        ranges = [said_by_either(theta[k], covariance[k]) for k in np.flatnonzero(f > SURE)]
+        ranges = [said_by_either(theta[k], covariance[k]) for k in np.flatnonzero(f > THRESHOLDS.range_surely)]
         self._range[axis] = np.array([np.min(ranges, axis=0)[0], np.max(ranges, axis=0)[1]])
         best = int(np.argmax(f))
         low, high = theta[best]

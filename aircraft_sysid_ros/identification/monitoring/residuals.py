@@ -1,12 +1,12 @@
 """Has the aeroplane changed? The model error of a second, against what it was since the parameters were known.
 
 Per axis: e = measured - predicted before the sample, where the axis learns. The mean square over the newest WINDOW of
-these is compared with those of earlier blocks of the same length, of which the newest GUARD evaluations are left out:
-a change is not to be in what it is measured by. The alarm wants both, RATIO times the rms of all blocks and WORST
-times the largest of them, over PATIENCE looks. Errors of a model that is always wrong somewhere raise the bar by
+these is compared with those of earlier blocks of the same length, of which the newest GUARD evaluations are left out: a
+change is not to be in what it is measured by. The alarm wants both, RATIO times the rms of all blocks and WORST times
+the largest of them, over some looks (``thresholds``). Errors of a model that is always wrong somewhere raise the bar by
 themselves. Gusts that set in, or a noisier sensor, raise the errors of most axes, a change of the aeroplane those of
 some: by what the errors have grown in all but the quietest two axes is not counted. Nor is a window that is spread over
-SPREAD times its length: in cruise an axis learns now and then, from what is not motion.
+some times its length (``window_spread``): in cruise an axis learns now and then, from what is not motion.
 
 How much of a coefficient the model explains: the mean square error over the variance of the coefficient, over the
 newest FIT_BLOCKS blocks in which it moves. One in which it has less than LEAST_MOTION of its variance says nothing.
@@ -29,6 +29,7 @@ import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.signals import SIGNAL_INDEX
 from aircraft_sysid_ros.identification.coefficients.layout import LEARNT, MEASURED, CoefficientSample
+from aircraft_sysid_ros.identification.thresholds import THRESHOLDS
 from aircraft_sysid_ros.kernels import njit
 from aircraft_sysid_ros.records import Record, one_record
 
@@ -37,20 +38,10 @@ Integers = npt.NDArray[np.int64]
 
 #: Evaluations (25 per second) of the window and of a block; those between the window and the blocks, the window too.
 WINDOW, GUARD = 25, 50
-#: Blocks that are remembered, and how many there must be.
-MOST_BLOCKS, LEAST_BLOCKS = 60, 8
-#: Rms of the window over that of all blocks, and over that of the largest.
-RATIO, WORST = 5.0, 3.0
-#: Looks in a row.
-PATIENCE = 2
-
-SPREAD = 2.0
-#: Blocks that say how much the model explains; share of the variance of a coefficient with which it hardly moves.
-FIT_BLOCKS, LEAST_MOTION = 30, 0.1
-#: Blocks of which a tenth says something: one is chance, or the first that was learnt from.
-TENTH_BLOCKS = 20
-#: How many axes are quieter than the one that tells by what the errors of all have grown.
-_QUIETEST = 2
+#: Blocks that are remembered, and those of them that say how much the model explains.
+MOST_BLOCKS, FIT_BLOCKS = 60, 30
+LEAST_BLOCKS, TENTH_BLOCKS, LEAST_MOTION = THRESHOLDS.least_blocks, THRESHOLDS.tenth_blocks, THRESHOLDS.least_motion
+RATIO, WORST, _QUIETER = THRESHOLDS.change_ratio, THRESHOLDS.change_worst, THRESHOLDS.quieter_axes
 
 _TIME = CoefficientSample.TIME
 QBAR = CoefficientSample.SIGNALS.start + SIGNAL_INDEX["qbar"]
@@ -177,8 +168,8 @@ def summarise(errors: Errors, longest: float, summary: Summary) -> None:
             summary.window[axis, 0], summary.window[axis, 1], summary.window[axis, 2] = window, mean, largest
             grown[axis] = window / mean
     grown.sort()
-    enough = np.isfinite(grown[_QUIETEST + 1])
-    summary.common[0] = max(grown[_QUIETEST], 1.0) if enough else 1.0
+    enough = np.isfinite(grown[_QUIETER + 1])
+    summary.common[0] = max(grown[_QUIETER], 1.0) if enough else 1.0
 
 
 @njit(cache=True)
@@ -240,7 +231,7 @@ class ResidualMonitor:
 
     def __init__(self, step: float) -> None:
         """``step`` [s] between evaluations."""
-        self._longest = SPREAD * WINDOW * step
+        self._longest = THRESHOLDS.window_spread * WINDOW * step
         self._one_errors = one_record(
             Errors,
             newest=np.zeros((6, GUARD)),
@@ -360,7 +351,7 @@ class ResidualMonitor:
             self._raised[axis] = 0
             return False
         self._raised[axis] = self._raised[axis] + 1 if excess > explained() else 0
-        return bool(self._raised[axis] >= PATIENCE)
+        return bool(self._raised[axis] >= THRESHOLDS.change_looks)
 
     def window_begin(self, axis: int) -> float:
         """Time [s] of the oldest error in the window."""

@@ -1,7 +1,7 @@
 """Terms that are no numbers where the flight is, although all that they read is known: the root of what is negative.
 
 They count as zero there (``coefficients.evaluation``), so that their axis learns on without them. Their own parameters
-are not to be used while that lasts, and for ``LASTING`` after it.
+are not to be used while that lasts, and for some time after it (``undefined`` of the thresholds).
 """
 
 from __future__ import annotations
@@ -15,12 +15,10 @@ from aircraft_sysid_ros.aircraft.aerodynamic_model import AerodynamicModel
 from aircraft_sysid_ros.aircraft.postfix import evaluate_rows
 from aircraft_sysid_ros.identification.coefficients.layout import CoefficientSample
 from aircraft_sysid_ros.identification.parameter_set import ParameterEstimate, ParameterSet
+from aircraft_sysid_ros.identification.thresholds import THRESHOLDS
 from aircraft_sysid_ros.identification.trust import Trust
 
 Array = npt.NDArray[np.float64]
-
-#: Time [s] of flight over which a term is a number before its parameter is judged again.
-LASTING = 10.0
 
 
 class UndefinedTerms:
@@ -47,7 +45,7 @@ class UndefinedTerms:
 
     def held(self, found: ParameterSet) -> ParameterSet:
         """The parameters, HOLD with the reason in place of those whose terms are no numbers just now."""
-        undefined = found.time - self._last < LASTING
+        undefined = found.time - self._last < THRESHOLDS.undefined
         if not undefined.any() or len(undefined) != len(found.parameters):
             return found
         pairs = zip(found.parameters, undefined.tolist(), strict=True)

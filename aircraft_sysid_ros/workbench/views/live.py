@@ -11,7 +11,7 @@ import numpy.typing as npt
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, AXIS_WORDS
 from aircraft_sysid_ros.diagnosis.compare import FAILS, MORE, NOISE, SHORT
 from aircraft_sysid_ros.effects import BY_ID
-from aircraft_sysid_ros.identification.trust import BEYOND_NOISE
+from aircraft_sysid_ros.identification.thresholds import THRESHOLDS
 from aircraft_sysid_ros.workbench.views.candidates import Card
 from aircraft_sysid_ros.workbench.views.coefficients import NO_DATA, AxisRow
 from aircraft_sysid_ros.workbench.views.figure import TIMED, Figure, Theme, axis, beyond, figure, line, upright
@@ -43,7 +43,7 @@ def _row(name: str, values: Mapping[str, float] | None, fails: bool) -> AxisRow:
     over_noise = values["over_noise"]  # as the node judges it, of minutes
     if not over_noise > 0.0:
         return AxisRow(name, AXIS_WORDS[name], values["nrmse"], None, None, FAILS if fails else SHORT)
-    state = FAILS if fails else MORE if over_noise > BEYOND_NOISE else NOISE
+    state = FAILS if fails else MORE if over_noise > THRESHOLDS.beyond_noise else NOISE
     return AxisRow(name, AXIS_WORDS[name], values["nrmse"], None, values["nrmse"] / over_noise, state)
 
 
