@@ -140,11 +140,21 @@ def magnetic_fields(values: Array, to_field: Array, iron: Array) -> Array:
 
 @njit(cache=True)
 def attitudes(values: Array, scale: Array, offset: Array) -> Array:
-    """Values (n, WIDTH) whose first four are the quaternion without the errors of roll, pitch and yaw of (B6)."""
+    """Values (n, WIDTH) whose first four are the quaternion without the errors of roll, pitch and yaw of (B6).
+
+    NaN where roll or yaw, with a scale above 1, may have gone beyond half a turn and then is of two true angles.
+    """
     out = values.copy()
     for i in range(len(values)):
         angles = euler_from_quaternion(values[i, :4].copy())
+        unclear = False
         for j in range(3):
-            angles[j] = (angles[j] - offset[3 + j]) / scale[3 + j]
+            angles[j] -= offset[3 + j]
+            if j != 1:
+                angles[j] = (angles[j] + np.pi) % (2.0 * np.pi) - np.pi
+                unclear = unclear or abs(angles[j]) > np.pi * (2.0 - max(scale[3 + j], 1.0))
+            angles[j] /= scale[3 + j]
         out[i, :4] = quaternion_from_euler(angles[0], angles[1], angles[2])
+        if unclear:
+            out[i, :4] = np.nan
     return out

@@ -4,11 +4,12 @@ import numpy as np
 import pytest
 import yaml
 
+from aircraft_sysid_ros.aircraft.frames import euler_from_quaternion, quaternion_from_euler
 from aircraft_sysid_ros.calibration import compatibility, magnetometer
 from aircraft_sysid_ros.calibration.calibration_file import calibration_from_dict, load_calibration
 from aircraft_sysid_ros.calibration.correction import Correction
 from aircraft_sysid_ros.errors import InputError
-from aircraft_sysid_ros.samples import Kind, concatenate
+from aircraft_sysid_ros.samples import Kind, concatenate, samples_of
 from aircraft_sysid_ros.sensors.sensor_models import EPOCH, air_data_at
 
 FIELD = dict.fromkeys((*magnetometer.NAMES1, *magnetometer.NAMES2), 0.0)
@@ -56,6 +57,22 @@ def test_compatibility_takes_out_what_was_put_in(calibration_flown):
     angles = samples.kind == Kind.ATTITUDE
     along = np.abs(np.sum(corrected.values[angles, :4] * seen.quaternion[angles], axis=1))
     assert np.median(2.0 * np.arccos(np.minimum(along, 1.0))) < 0.03
+
+
+@pytest.mark.parametrize("scale", [0.1, -0.1])
+@pytest.mark.parametrize("angle", ["phi", "psi"])
+def test_an_angle_that_goes_round_is_right_or_nothing(angle, scale):
+    """Of a compass that turns a tenth too far 173 deg to the left may be 157 to the left, or 170 to the right."""
+    section = {**dict.fromkeys((*compatibility.NAMES1, *compatibility.NAMES2), 0.0), f"lambda_{angle}": scale}
+    true, column = np.radians(np.arange(-179.0, 180.0, 7.0)), {"phi": 0, "psi": 2}[angle]
+    angles = np.tile([0.0, 0.1, 0.0], (len(true), 1))
+    angles[:, column] = (1.0 + scale) * true
+    samples = samples_of(Kind.ATTITUDE, np.arange(len(true)), np.array([quaternion_from_euler(*row) for row in angles]))
+    found = Correction(calibration_from_dict({"compatibility": section})).apply(samples).values[:, :4]
+    known = np.isfinite(found).all(axis=1)
+    shown = np.array([euler_from_quaternion(q)[column] for q in found[known]])
+    np.testing.assert_allclose(shown, true[known], atol=1e-9)
+    assert known[np.abs(true) < np.radians(145.0)].all() and (known.all() or scale > 0.0)
 
 
 def test_one_by_one_gives_the_same_bits(calibration_flown):
