@@ -31,6 +31,8 @@ def flown_columns():
         "angle_of_attack": truth.alpha,
         "sideslip": truth.beta,
         "elevator": truth.controls[:, 0],
+        "aileron": truth.controls[:, 1],
+        "rudder": truth.controls[:, 2],
         "throttle": truth.controls[:, 4],
         "dynamic_pressure": 0.5 * truth.density * truth.airspeed**2,
     }

@@ -6,6 +6,7 @@ from flown_columns import flown_columns
 from scipy.io import savemat
 
 from aircraft_sysid_ros.aircraft.atmosphere import STANDARD_GRAVITY as G
+from aircraft_sysid_ros.recordings.tabular.column_expression import parse_column_expression
 from aircraft_sysid_ros.recordings.tabular.guess.first_map import guess_map
 from aircraft_sysid_ros.recordings.tabular.guess.names import guess_ground_track, guess_name
 from aircraft_sysid_ros.recordings.tabular.signals import UNITS
@@ -17,6 +18,7 @@ DEGREES, FOOT, KNOT = 180.0 / np.pi, 0.3048, 1852.0 / 3600.0
 DIGITS = {"rad": 2e-3, "rad/s": 2e-2, "m/s^2": 0.2, "m/s": 0.3, "m": 1.5, "Pa": 5.0, "kg": 0.1, "1": 0.02}
 IMU = {f"{kind}.{axis}" for kind in ("specific_force", "angular_velocity") for axis in "xyz"}
 ATTITUDE = {f"attitude.{angle}" for angle in ("roll", "pitch", "yaw")}
+SURFACES = {"elevator", "aileron", "rudder"}
 PLACE, VELOCITY = {"latitude", "longitude", "altitude"}, {f"velocity.{way}" for way in ("north", "east", "down")}
 
 
@@ -173,7 +175,64 @@ def sidpac(flown, path):
     return IMU | ATTITUDE | air
 
 
-@pytest.mark.parametrize("layout", [vectornav, xsens, flightgear, jsbsim, xplane, mavlink, matlab, sidpac])
+def ftis(flown, path):
+    """Of the flight test instrumentation system of a university's jet: a structure of values, units and texts each."""
+    zero = 0.0 * flown["time"]
+    rows = {
+        "vane_AOA": (DEGREES * flown["angle_of_attack"], "deg"), "elevator_dte": (zero + 2.5, "deg"),
+        "lh_engine_FMF": (zero + 400.0, "lbs/hr"), "lh_engine_OP": (zero + 70.0, "psi"),
+        "column_Se": (DEGREES * flown["elevator"] * 1.7, "deg"),
+        **{f"delta_{s[0]}": (DEGREES * flown[s], "deg") for s in ("aileron", "elevator", "rudder")},
+        "Gps_utcSec": (44_000.0 + np.floor(flown["time"]), "sec"),
+        "Ahrs1_Roll": (DEGREES * flown["attitude.roll"], "deg"),
+        "Ahrs1_Pitch": (DEGREES * flown["attitude.pitch"], "deg"),
+        "Fms1_trueHeading": (np.mod(DEGREES * flown["attitude.yaw"], 360.0), "deg"),
+        "Gps_lat": (DEGREES * flown["latitude"], "deg"), "Gps_long": (DEGREES * flown["longitude"], "deg"),
+        **{f"Ahrs1_b{name}Rate": (DEGREES * flown[f"angular_velocity.{axis}"], "deg/s")
+           for name, axis in (("Roll", "x"), ("Pitch", "y"), ("Yaw", "z"))},
+        "Ahrs1_bLongAcc": (flown["specific_force.x"] / G, "g"), "Ahrs1_bLatAcc": (flown["specific_force.y"] / G, "g"),
+        "Ahrs1_VertAcc": (-np.gradient(flown["velocity.down"], flown["time"]) / G, "g"),
+        "Ahrs1_bNormAcc": (-flown["specific_force.z"] / G, "g"),
+        "Dadc1_alt": (flown["altitude"] / FOOT, "ft"), "Dadc1_bcAltMb": (zero + 1016.0, "mB"),
+        "Dadc1_mach": (flown["true_airspeed"] / 338.0, "<no unit>"),
+        "Dadc1_tas": (flown["true_airspeed"] / KNOT, "knots"),
+        "Dadc1_altRate": (-60.0 * flown["velocity.down"] / FOOT, "ft/min"),
+        "time": (9.0 + flown["time"], "sec"),
+    }  # fmt: skip
+    parts = {}
+    for name, (values, unit) in rows.items():
+        on_end = values[::10, None] if name != "time" else values[None, ::10]
+        parts[name] = {"data": on_end, "units": np.array([[unit]], object), "description": np.array([[name]], object)}
+    savemat(path / "flight.mat", {"flightdata": parts})
+    place = (PLACE - {"altitude"}) | {"pressure_altitude", "velocity.down"}
+    imu = IMU - {"specific_force.y"}  # nothing shows its sign without a sideslip and a velocity
+    return imu | ATTITUDE | place | SURFACES | {"angle_of_attack", "true_airspeed"}
+
+
+def attas(flown, path):
+    """As a research jet names its channels (Jategaonkar, Flight Vehicle System Identification), units in a line."""
+    rows = {
+        "T": (flown["time"], "s"),
+        **{f"A{axis.upper()}CG": (flown[f"specific_force.{axis}"], "M/S**2") for axis in "xyz"},
+        "AZCKP": (1.01 * flown["specific_force.z"], "M/S**2"),
+        **{n: (DEGREES * flown[f"angular_velocity.{n[-1].lower()}"], "DEG/S") for n in ("PRGX", "QRGY", "RRGZ")},
+        **{n: (DEGREES * flown[f"attitude.{a}"], "DEG")
+           for n, a in (("PHI", "roll"), ("THE", "pitch"), ("PSI", "yaw"))},
+        "ALCG": (DEGREES * flown["angle_of_attack"], "DEG"), "BECG": (DEGREES * flown["sideslip"], "DEG"),
+        "VTASCG": (flown["true_airspeed"], "M/S"), "HQNH": (flown["altitude"] / FOOT, "ft"),
+        "DELV": (DEGREES * flown["elevator"], "DEG"), "DRUD": (DEGREES * flown["rudder"], "DEG"),
+        "DAIL_L": (-DEGREES * flown["aileron"], "DEG"), "DAIL_R": (DEGREES * flown["aileron"], "DEG"),
+        "PHLAT": (DEGREES * flown["latitude"], "DEG"), "LALON": (DEGREES * flown["longitude"], "DEG"),
+        "ALDOT": (np.gradient(DEGREES * flown["angle_of_attack"], flown["time"]), "DEG/S"),
+    }  # fmt: skip
+    lines = [" ".join(rows), " ".join(unit for _, unit in rows.values())]
+    lines += [" ".join(f"{v:.7e}" for v in row) for row in zip(*(v[::4] for v, _ in rows.values()), strict=True)]
+    (path / "flight.asc").write_text("\n".join(lines) + "\n")
+    air = {"angle_of_attack", "sideslip", "true_airspeed", "pressure_altitude"}
+    return IMU | ATTITUDE | (PLACE - {"altitude"}) | SURFACES | air
+
+
+@pytest.mark.parametrize("layout", [vectornav, xsens, flightgear, jsbsim, xplane, mavlink, matlab, sidpac, ftis, attas])
 def test_a_log_of_a_known_program_is_guessed(tmp_path, flown, layout):
     """Of FlightGear no name was known, of VectorNav the accelerometers; SIDPAC held "no columns of numbers"."""
     expected = layout(flown, tmp_path)
@@ -185,12 +244,57 @@ def test_a_log_of_a_known_program_is_guessed(tmp_path, flown, layout):
     table = _read(file)
     for signal, line in lines.items():
         convert = conversion(line.unit, UNITS[signal])
-        values = line.sign * convert(table[line.column] + line.offset)
-        truth = np.interp(table[""], flown["time"], flown[signal])
-        off = values - truth
+        values = parse_column_expression(line.expression).evaluate(table) if line.expression else table[line.column]
+        values = line.sign * convert(values + line.offset)
+        truth = flown["altitude" if signal == "pressure_altitude" else signal]
+        off = values - np.interp(table[""], flown["time"], truth)
         if UNITS[signal] == "rad":
             off = np.angle(np.exp(1j * off))
         assert np.median(np.abs(off)) < DIGITS[UNITS[signal]], (signal, line)
+
+
+@pytest.mark.parametrize(
+    ("names", "left", "signal", "expression"),
+    [
+        (("ail_left", "ail_right"), -1.0, "aileron", "(ail_right - ail_left)/2"),
+        (("LH aileron [deg]", "RH aileron [deg]"), 1.0, "aileron", "(`RH aileron [deg]` + `LH aileron [deg]`)/2"),
+        (("elev_l", "elev_r"), 1.0, "elevator", "(elev_r + elev_l)/2"),
+    ],
+)
+def test_left_and_right_surfaces_make_one_signal(tmp_path, flown, names, left, signal, expression):
+    """Of a table with two ailerons neither was known."""
+    moved = DEGREES * flown[signal] + np.random.default_rng(2).normal(0.0, 0.05, (2, len(flown["time"])))
+    _written(tmp_path / "log.csv", {
+        "time_s": flown["time"], names[0]: left * moved[0], names[1]: moved[1],
+        **_of_imu(flown, ("acc_", "gyro_", "xyz")), "tas_mps": flown["true_airspeed"],
+    }, step=2)  # fmt: skip
+    (part,) = guess_map(tmp_path / "log.csv").parts
+    (line,) = (line for line in part.lines if line.signal == signal)
+    assert (line.expression, line.active, line.sign) == (expression, True, 1.0)
+
+
+def test_surfaces_that_do_not_move_as_one_are_left_to_the_user(tmp_path, flown):
+    """As elevons do that hold a roll and a pitch: half of their sum is no aileron."""
+    wild = np.random.default_rng(3).normal(0.0, 5.0, (2, len(flown["time"])))
+    _written(tmp_path / "log.csv", {
+        "time_s": flown["time"], "ail_left": wild[0], "ail_right": wild[1], **_of_imu(flown, ("acc_", "gyro_", "xyz")),
+    })  # fmt: skip
+    (part,) = guess_map(tmp_path / "log.csv").parts
+    (line,) = (line for line in part.lines if line.signal == "aileron")
+    assert not line.active and "do not move as one" in line.evidence
+
+
+def test_a_matrix_without_names_takes_those_of_the_list_beside_it(tmp_path, flown):
+    """As textbooks describe their data: number, name, unit and words, brackets among them. It was one of vectors."""
+    values = [flown["time"], *(DEGREES * flown[f"angular_velocity.{axis}"] for axis in "xyz"), flown["altitude"]]
+    savemat(tmp_path / "fElv1.mat", {"fElv1": np.stack(values, axis=1)[::4]})
+    listed = ("T s time", "PRGX DEG/S roll rate", "QRGY DEG/S pitch rate", "RRGZ DEG/S yaw rate",
+              "HRADIO M radio altitude (above ground)")  # fmt: skip
+    (tmp_path / "channels.txt").write_text("".join(f"{i}   {line}\n" for i, line in enumerate(listed, 1)))
+    (table,) = open_source(tmp_path / "fElv1.mat").tables("*")
+    assert table.columns == ("T", "PRGX", "QRGY", "RRGZ", "HRADIO")
+    assert dict(table.units) == {"T": "s", "PRGX": "DEG/S", "QRGY": "DEG/S", "RRGZ": "DEG/S", "HRADIO": "M"}
+    assert "channels.txt" in table.note
 
 
 def _read(file):

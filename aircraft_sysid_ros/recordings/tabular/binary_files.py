@@ -16,9 +16,10 @@ from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.recordings.mat_file import read_mat
 from aircraft_sysid_ros.recordings.tabular.header import find_header
 from aircraft_sysid_ros.recordings.tabular.table import ArrayTable, Table, imported
+from aircraft_sysid_ros.recordings.tabular.text_files import names_beside
 from aircraft_sysid_ros.recordings.tabular.units import is_unit
 
-_MOST_COMPONENTS, _LEAST_OF_SIDPAC = 64, 30
+_VECTOR, _MOST_COMPONENTS, _LEAST_OF_SIDPAC = 4, 64, 30
 #: Fields of a structure that is one column: its values, and their unit.
 _VALUES, _UNITS = ("data", "value", "values"), ("units", "unit")
 #: Columns, counted from 1, of the matrix ``fdata`` of SIDPAC (Klein and Morelli, Aircraft System Identification), each
@@ -170,7 +171,7 @@ def mat_tables(path: Path, name: str) -> tuple[str, list[Table]]:
         return hdf5_tables(path, name)
     content = read_mat(path)
     tables: list[Table] = []
-    _add_structure(tables, {key: value for key, value in content.items() if not key.startswith("__")}, "", name)
+    _add_structure(tables, {key: value for key, value in content.items() if not key.startswith("__")}, "", name, path)
     if not tables:
         opaque = any(type(value).__name__ == "MatlabOpaque" for value in content.values())
         hint = ": save a MATLAB table as table2struct(T, 'ToScalar', true)" if opaque else ""
@@ -178,7 +179,7 @@ def mat_tables(path: Path, name: str) -> tuple[str, list[Table]]:
     return "MAT 5", tables
 
 
-def _add_structure(tables: list[Table], content: Mapping[str, Any], title: str, name: str) -> None:
+def _add_structure(tables: list[Table], content: Mapping[str, Any], title: str, name: str, path: Path) -> None:
     columns: dict[str, Any] = {}
     units: dict[str, str] = {}
     for key, value in content.items():
@@ -190,17 +191,26 @@ def _add_structure(tables: list[Table], content: Mapping[str, Any], title: str, 
         elif _is_of_simulink(value):
             tables.append(_of_simulink(inner, value))
         elif hasattr(value, "_fieldnames"):
-            _add_structure(tables, {field: getattr(value, field) for field in value._fieldnames}, inner, name)
+            _add_structure(tables, {field: getattr(value, field) for field in value._fieldnames}, inner, name, path)
         elif isinstance(value, np.ndarray) and value.dtype.kind in "fiu":
             labels = _labels(content, key, value)
             if labels:
                 tables.append(ArrayTable(inner, tuple(labels), {}, arrays=tuple(value.T)))
             elif key == "fdata" and value.ndim == 2 and value.shape[1] >= _LEAST_OF_SIDPAC:
                 tables.append(_of_sidpac(inner, value))
+            elif listed := _listed_beside(path, value):
+                note = f"the columns of {inner} are named by {listed[0]}"
+                tables.append(ArrayTable(inner, *listed[1:], note, arrays=tuple(value.T)))
             else:
                 columns.update(_components(key, value))
     if columns:
         tables.append(ArrayTable(title or name, tuple(columns), _said(units), arrays=tuple(columns.values())))
+
+
+def _listed_beside(path: Path, value: npt.NDArray[Any]) -> tuple[str, tuple[str, ...], dict[str, str]] | None:
+    """File, names and units of a list beside the file of a matrix (n, k) of more columns than a vector has."""
+    is_table = value.ndim == 2 and _VECTOR < value.shape[1] < value.shape[0]
+    return names_beside(path, value.shape[1]) if is_table else None
 
 
 def _mat_channel(value: Any) -> tuple[npt.NDArray[Any], str] | None:

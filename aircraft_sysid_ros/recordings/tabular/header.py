@@ -103,7 +103,7 @@ def listed_names(lines: Sequence[str]) -> tuple[tuple[str, ...], dict[str, str]]
     for line in lines:
         words = re.split(r"[\s,;]+", re.sub(r"^\d+\s*[.):,;]?\s+", "", line.strip().strip(",;")))
         name, unit = split_unit(" ".join(words))
-        if not unit and len(words) > 1 and is_unit(words[1]):
+        if not is_unit(unit) and len(words) > 1 and is_unit(words[1]):  # brackets may hold a remark
             name, unit = words[0], words[1]
         if not re.search(r"[^\W\d]", name) or _is_data(re.split(r"[\s,;]+", line)):
             return None

@@ -43,13 +43,13 @@ def text_tables(path: Path, name: str) -> tuple[str, list[Table]]:
         return "messages of Paparazzi", _message_tables(path)
     layout = text_layout(lines, name)
     header, note = layout.header, ""
-    if not header.is_named and (found := _names_beside(path, len(header.names))):
+    if not header.is_named and (found := names_beside(path, len(header.names))):
         header, note = replace(header, names=found[1], units=found[2]), f"the columns of {name} are named by {found[0]}"
     table = TextTable(name, header.names, header.units, note, path=path, layout=layout, encoding=encoding)
     return f"text with {layout.separator_name}" + (" and decimal commas" if layout.decimal == "," else ""), [table]
 
 
-def _names_beside(path: Path, count: int) -> tuple[str, tuple[str, ...], dict[str, str]] | None:
+def names_beside(path: Path, count: int) -> tuple[str, tuple[str, ...], dict[str, str]] | None:
     """The one file beside a table without a header that lists as many names, one a line; its names and units."""
     found = []
     for file in sorted(path.parent.iterdir()):

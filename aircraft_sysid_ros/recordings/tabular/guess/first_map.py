@@ -17,7 +17,7 @@ from aircraft_sysid_ros.recordings.tabular.column_map import TEXT_TIMES, ColumnM
 from aircraft_sysid_ros.recordings.tabular.guess.ground_track import ground_track_columns
 from aircraft_sysid_ros.recordings.tabular.guess.known_kinds import known_lines
 from aircraft_sysid_ros.recordings.tabular.guess.known_line import KnownLine
-from aircraft_sysid_ros.recordings.tabular.guess.magnitudes import SURFACES
+from aircraft_sysid_ros.recordings.tabular.guess.magnitudes import SURFACES, reads_gravity
 from aircraft_sysid_ros.recordings.tabular.guess.manoeuvre_tables import joined_manoeuvres
 from aircraft_sysid_ros.recordings.tabular.guess.names import (
     TIME,
@@ -31,6 +31,7 @@ from aircraft_sysid_ros.recordings.tabular.guess.quaternions import quaternion_c
 from aircraft_sysid_ros.recordings.tabular.guess.resolve import resolve
 from aircraft_sysid_ros.recordings.tabular.guess.series import Column
 from aircraft_sysid_ros.recordings.tabular.guess.times import TimeGuess, guess_time, why_no_time
+from aircraft_sysid_ros.recordings.tabular.guess.two_sides import two_sided_columns
 from aircraft_sysid_ros.recordings.tabular.source import Source, open_source
 from aircraft_sysid_ros.recordings.tabular.table import Table, numbers
 from aircraft_sysid_ros.text_file import write_whole
@@ -112,6 +113,7 @@ def guess_map(path: Path, mapping: ServoMapping | None = None) -> FirstMap:
         for column in named:
             _weigh_table(column, source.is_bag)
         columns += [(part, column) for column in named]
+    _weigh_gravity([column for _, column in columns])
     _count_as_import(parts, columns)
     best = _best_by_signal(columns)
     resolve(best)
@@ -270,7 +272,9 @@ def _named_columns(
         found.append(column)
     angles, four = quaternion_columns(table.name, content, time.seconds, found)
     velocity, two = ground_track_columns(table.name, content, table.units, time.seconds)
-    return [*(column for column in found if column.name not in four), *angles, *velocity], four | two
+    pairs, sides = two_sided_columns(table.name, content, table.units, time.seconds)
+    alone = [column for column in found if column.name not in four]
+    return [*alone, *angles, *velocity, *pairs], four | two | sides
 
 
 def _weigh_table(column: Column, is_topic: bool) -> None:
@@ -287,6 +291,14 @@ def _weigh_table(column: Column, is_topic: bool) -> None:
         column.evidence.append("a command, which the surface follows later")
     elif is_topic:
         column.doubt = f"its topic is called as {'what is asked for' if asked_for else 'that of another body'}"
+
+
+def _weigh_gravity(columns: list[Column]) -> None:
+    """Of columns that may be a_z those come first that read gravity: others are accelerations without it."""
+    down = [column for column in columns if column.signal == "specific_force.z"]
+    without = [column for column in down if not reads_gravity(column)]
+    for column in without if len(without) < len(down) else ():
+        column.distance += _OF_ANOTHER
 
 
 def _best_by_signal(columns: list[tuple[TablePart, Column]]) -> dict[str, Column]:

@@ -57,6 +57,13 @@ def _no_airspeeds(flight: Flight) -> None:
             column.unit = ""
 
 
+def reads_gravity(column: Column) -> bool:
+    """Whether a column reads 1 g in trim, in the unit that is said or in any that it may have."""
+    units = [column.said_unit] if column.said_unit else CANDIDATES["m/s^2"]
+    size = abs(float(np.median(column.numbers))) if len(column.numbers) else 0.0
+    return any(0.6 < size * conversion(unit, "m/s^2").factor / G < 1.6 for unit in units)
+
+
 def _gravity(flight: Flight) -> None:
     """Specific force at rest or in trim is 1 g, against z."""
     there = [signal for signal in AXES if flight.has(signal) and len(flight.columns[signal].numbers)]

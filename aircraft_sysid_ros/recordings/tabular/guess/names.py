@@ -28,6 +28,7 @@ _OF_TRACK = {word: part for part, words in _VOCABULARY["ground_track"].items() f
 _SOURCES = frozenset(_VOCABULARY["sources"].split())
 _OTHERS = frozenset(_VOCABULARY["others"].split())
 _DEMANDS, _ELSEWHERE = (frozenset(_VOCABULARY[key].split()) for key in ("demands", "elsewhere"))
+_SIDES = {side: frozenset(words.split()) for side, words in _VOCABULARY["sides"].items()}
 #: SI units by the word of a quantity.
 _QUANTITIES: dict[str, frozenset[str]] = {
     word: frozenset(unit for unit, words in _VOCABULARY["quantities"].items() if word in words.split())
@@ -97,6 +98,16 @@ def in_company(column: str, columns: Iterable[str]) -> str:
     if "est" not in words or not any("nord" in _words(other) for other in columns):
         return column
     return "_".join("ost" if word == "est" else word for word in words)
+
+
+def without_side(column: str) -> tuple[str, str] | None:
+    """``left`` or ``right`` and the rest of a name that says one of these; None for others."""
+    words = _words(column)
+    sides = [(word, side) for side, of in _SIDES.items() for word in words if word in of]
+    if len(sides) != 1 or len(words) < 2:
+        return None
+    (word, side), at = sides[0], words.index(sides[0][0])
+    return (side, "_".join(words[:at] + words[at + 1 :])) if words.count(word) == 1 else None
 
 
 def guess_ground_track(column: str, unit: str = "") -> tuple[str, str] | None:
