@@ -88,9 +88,10 @@ def calibrate(options: CalibrationOptions, draw: Draw, progress: Progress) -> di
         **report.json(),
         "elapsed": time.perf_counter() - started,
     }
-    result["notes"] = [*notes, *result["notes"]]
+    kept, of_kept = sections_kept(before, options.what)
+    result["notes"] = [*notes, *result["notes"], *of_kept]
     if options.out:
-        result["files"] = _write(Path(options.out), options, report, before, result, draw)
+        result["files"] = _write(Path(options.out), options, report, kept, result, draw)
     return result
 
 
@@ -190,17 +191,32 @@ def _report(
     return calibrate_compatibility(samples, aircraft, span, **options)
 
 
+def sections_kept(before: Calibration | None, what: str) -> tuple[dict[str, Any], list[str]]:
+    """Sections of an earlier calibration that the new file keeps, and notes on what of them it does not."""
+    found = {} if before is None else before.source
+    kept = {name: value for name, value in found.items() if name in files.PARAMETERS and name != SECTIONS[what]}
+    old = kept.get(files.COMPATIBILITY)
+    if what != "five-hole" or not old or not any(old.get(name) for name in files.AIR_DATA_ERRORS):
+        return kept, []
+    std = {**(old.get("std") or {}), **dict.fromkeys(files.AIR_DATA_ERRORS)}
+    kept[files.COMPATIBILITY] = {**old, **dict.fromkeys(files.AIR_DATA_ERRORS, 0.0), "std": std}
+    return kept, [
+        "errors of V, alpha and beta that the earlier file has under compatibility were found without this calibration "
+        "of the probe, whose values they would be applied to: the new file has 0 for them: calibrate compatibility "
+        "with it anew"
+    ]
+
+
 def _write(
     folder: Path,
     options: CalibrationOptions,
     report: Report,
-    before: Calibration | None,
+    kept: dict[str, Any],
     result: dict[str, Any],
     draw: Draw,
 ) -> list[str]:
     """All files at once, the calibration last: what is there is complete."""
-    found = {} if before is None else before.source
-    content = {name: value for name, value in found.items() if name in files.PARAMETERS}
+    content = dict(kept)
     content[SECTIONS[options.what]] = report.section
     content["source"] = {"recording": options.source, "aircraft": result["aircraft"]}
     files.calibration_from_dict(content)

@@ -5,7 +5,9 @@ import json
 import pytest
 import yaml
 
-from aircraft_sysid_ros.calibration.calibration_file import load_calibration
+from aircraft_sysid_ros.after_flight.calibrate import sections_kept
+from aircraft_sysid_ros.calibration import compatibility
+from aircraft_sysid_ros.calibration.calibration_file import AIR_DATA_ERRORS, calibration_from_dict, load_calibration
 from aircraft_sysid_ros.commands.main import main
 from aircraft_sysid_ros.config_files import config_path
 from aircraft_sysid_ros.simulation.calibration_flight import CALIBRATION_AIRCRAFT
@@ -96,6 +98,22 @@ def says(capsys, *arguments):
     out, err = capsys.readouterr()
     assert out == "" and err.count("\n") == 1
     return err
+
+
+def test_errors_of_other_air_data_are_not_applied_to_a_probe():
+    """What compatibility has found of air_data, or of the probe by an earlier calibration, was applied to the new one
+    as well; biases of the IMU and errors of the attitude hold as before.
+    """
+    names = (*compatibility.NAMES1, *compatibility.NAMES2)
+    section = {**dict.fromkeys(names, 0.01), "std": dict.fromkeys(names, 0.001)}
+    before = calibration_from_dict({"compatibility": section})
+    kept, notes = sections_kept(before, "five-hole")
+    assert kept["compatibility"] == {
+        **{name: 0.0 if name in AIR_DATA_ERRORS else 0.01 for name in names},
+        "std": {name: None if name in AIR_DATA_ERRORS else 0.001 for name in names},
+    }
+    assert "compatibility" in notes[0] and calibration_from_dict(kept)
+    assert sections_kept(before, "magnetometer") == ({"compatibility": section}, [])
 
 
 @pytest.mark.long
