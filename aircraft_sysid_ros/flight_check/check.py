@@ -29,7 +29,7 @@ from aircraft_sysid_ros.flight_check.laws import (
 )
 from aircraft_sysid_ros.flight_check.motion import Motion
 from aircraft_sysid_ros.flight_check.relation import Relation
-from aircraft_sysid_ros.flight_check.repair import with_columns, with_yaw
+from aircraft_sysid_ros.flight_check.repair import with_columns, with_yaw, without_stuck
 from aircraft_sysid_ros.flight_check.signals import Flight, signal_names
 
 #: Passes over what contradicts itself, at most.
@@ -70,7 +70,8 @@ def check(
     model = model or textbook_model()
     found = absence.findings(flight, model) + sampling.findings(flight) + values.findings(flight)
     found += inputs.findings(flight)
-    contradicting, relations, motion = contradictions(flight, (*KINEMATICS, surfaces), found, progress)
+    laws = (*KINEMATICS, surfaces)
+    contradicting, relations, motion = contradictions(flight, laws, found, progress, judged=without_stuck)
     parameters = tuple(identifiable(motion, model))
     return Checked(tuple(_ordered(found + contradicting)), _rates(flight), tuple(relations), motion, parameters)
 
@@ -80,18 +81,19 @@ def contradictions(
     laws: Sequence[Any] = KINEMATICS,
     known: Sequence[Finding] = (),
     progress: Callable[[float], None] = lambda share: None,
+    judged: Callable[[Flight], Flight] = lambda flight: flight,
 ) -> tuple[list[Finding], list[Relation], Motion]:
     """Signals that contradict others by kinematics, beside what is ``known``; relations and motion without the faults.
 
-    ``laws``: modules with ``relations``, beside those of vectors.
+    ``judged``: what of a flight is compared. ``laws``: modules with ``relations``, beside those of vectors.
     """
     found, repaired = list[Finding](), flight
     motion, relations = Motion(flight), list[Relation]()
     cut = {name for f in known if f.kind == "saturated" for name in f.signals}
     for number in range(_PASSES if flight.duration >= SHORTEST else 0):
         progress((number + 1) / (_PASSES + 1))
-        motion = Motion(repaired)
-        relations, explained = _explained(motion, laws)
+        motion, compared = Motion(repaired), judged(repaired)
+        relations, explained = _explained(motion if compared is repaired else Motion(compared), laws)
         said = {(f.signals, f.kind) for f in (*known, *found)}
         explained = [e for e in explained if (e.finding.signals, e.finding.kind) not in said]
         explained = [e for e in explained if e.finding.kind != "scale" or not cut & set(e.finding.signals)]

@@ -1,4 +1,4 @@
-"""A flight with one fault taken out, so that what is left is judged without it."""
+"""A flight with one fault, or with what is stuck, taken out, so that what is left is judged without it."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.frames import quaternion_from_euler, quaternion_product
-from aircraft_sysid_ros.flight_check.signals import ATTITUDE, KIND_OF, NAMES, Flight, Stream
+from aircraft_sysid_ros.flight_check.signals import ATTITUDE, KIND_OF, NAMES, VELOCITY, Flight, Stream, groups
 from aircraft_sysid_ros.samples import Kind
 
 Array = npt.NDArray[np.float64]
@@ -69,6 +69,33 @@ def with_yaw(flight: Flight, angle: float) -> Flight:
     turn = quaternion_from_euler(0.0, 0.0, angle)
     values = np.array([quaternion_product(turn, q) for q in stream.values])
     return _with_stream(flight, replace(stream, values=values))
+
+
+#: Fewer samples (`values`) do not tell that something is stuck; controls stand as they like.
+LEAST_SAMPLES = 20
+_FREE = (Kind.CONTROLS, Kind.MASS)
+
+
+def without_stuck(flight: Flight) -> Flight:
+    """The flight without the signals of sensors that stay at one value all the time, which measure nothing.
+
+    A velocity or an attitude is left as it is while a part of it moves: GPS may have no vertical speed.
+    """
+    for kind, stream in flight.streams.items():
+        if kind in _FREE:
+            continue
+        stuck = [_stays(values) for values in stream.values.T]
+        for names, columns in groups(stream):
+            if names in (ATTITUDE, VELOCITY):
+                stuck[columns] = [all(stuck[columns])] * len(stuck[columns])
+        if any(stuck):
+            flight = _with_stream(flight, replace(stream, values=np.where(stuck, np.nan, stream.values)))
+    return flight
+
+
+def _stays(values: Array) -> bool:
+    known = values[np.isfinite(values)]
+    return len(known) >= LEAST_SAMPLES and float(np.ptp(known)) == 0.0
 
 
 def _with_stream(flight: Flight, stream: Stream) -> Flight:

@@ -8,8 +8,9 @@ import pytest
 from aircraft_sysid_ros.flight_check.check import check
 from aircraft_sysid_ros.flight_check.finding import ERROR, INFO, WARNING
 from aircraft_sysid_ros.flight_check.laws.flow_angles import _bias_of_gusts
-from aircraft_sysid_ros.flight_check.signals import flight_of, interpolated_length
+from aircraft_sysid_ros.flight_check.signals import ATTITUDE, GYRO, VELOCITY, flight_of, interpolated_length
 from aircraft_sysid_ros.samples import CONTROL_COLUMNS, Kind, Samples
+from aircraft_sysid_ros.sensors.sensor_models import SensorOptions
 from aircraft_sysid_ros.simulation.simulated_flight import default_aircraft, simulate_samples
 
 
@@ -64,6 +65,43 @@ def test_a_surface_that_never_moves_is_said(flown, value, severity):
     (found,) = [each for each in said(still, "rudder") if each[0] == "held"]
     assert found[1] == severity and "all the time" in found[2]
     assert not [each for each in said(flown, "rudder") if each[0] == "held"]
+
+
+@pytest.fixture(scope="module")
+def with_attitude():
+    return simulate_samples(default_aircraft(), 61, 60.0, sensors=SensorOptions(attitude=True)).samples
+
+
+@pytest.mark.parametrize(
+    ("kind", "columns", "value", "names"),
+    [
+        (Kind.AIRSPEED, slice(0, 1), 0.0, ("true_airspeed",)),  # nothing is connected
+        (Kind.AIRSPEED, slice(0, 1), 2.0, ("true_airspeed",)),
+        (Kind.GPS_VELOCITY, slice(0, 3), -0.0, VELOCITY),
+        (Kind.AIR, slice(1, 2), 0.0, ("static_pressure",)),
+        (Kind.IMU, slice(3, 6), 0.0, GYRO),
+        (Kind.IMU, slice(5, 6), 0.0, GYRO[2:]),
+        (Kind.ATTITUDE, slice(0, 4), [1.0, 0.0, 0.0, 0.0], ATTITUDE),
+    ],
+)
+def test_a_sensor_that_stays_at_one_value_is_stuck_and_not_compared(with_attitude, kind, columns, value, names):
+    """A zero airspeed or velocity ended the check; a gyro or an airspeed had others seem late, or in another unit."""
+    values = with_attitude.values.copy()
+    values[with_attitude.kind == kind, columns] = value
+    found = check(flight_of(Samples(with_attitude.stamp, with_attitude.kind, values), with_attitude.stamp)).findings
+    told = {name: f for f in found for name in f.signals if f.severity in (ERROR, WARNING)}
+    assert sorted(told) == sorted(names)
+    assert all(f.kind == "held" and "all the time: the sensor is stuck" in f.sentence for f in told.values())
+    assert not any("-0 " in f.sentence for f in told.values())
+
+
+def test_two_angles_of_an_attitude_that_stay_are_said(with_attitude):
+    values, rows = with_attitude.values.copy(), with_attitude.kind == Kind.ATTITUDE
+    yaw = np.linspace(0.0, 3.0, int(rows.sum()))
+    values[rows, :4] = np.column_stack([np.cos(yaw / 2), 0 * yaw, 0 * yaw, np.sin(yaw / 2)])
+    still = Samples(with_attitude.stamp, with_attitude.kind, values)
+    held = {name for name in ATTITUDE if any("stays at 0°" in each[2] for each in said(still, name))}
+    assert held == {"attitude.roll", "attitude.pitch"}
 
 
 @pytest.mark.parametrize(("column", "name", "step"), [(1, "static_pressure", 10.0), (0, "air_density", 1e-3)])

@@ -5,8 +5,10 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from aircraft_sysid_ros.aircraft.frames import euler_angles
 from aircraft_sysid_ros.flight_check.finding import ERROR, INFO, WARNING, Finding
 from aircraft_sysid_ros.flight_check.grid import spikes
+from aircraft_sysid_ros.flight_check.repair import LEAST_SAMPLES
 from aircraft_sysid_ros.flight_check.signals import (
     ATTITUDE,
     COMMANDED,
@@ -35,6 +37,8 @@ _COARSE = 0.2
 _SURFACE, _THROTTLE = 1.25, 1.5
 #: Surfaces that an aeroplane cannot be flown without moving, if it has them.
 _TURNING = ("elevator", "aileron", "rudder")
+#: By so much [deg] angles that stay differ after they were a quaternion.
+_ROUNDING = 1e-9
 #: Where zero is the end of the scale, at rest, and what is largest at the lowest place, the ground.
 _FROM_ZERO = ("true_airspeed", "dynamic_pressure", "height_above_ground")
 _FROM_GROUND = ("static_pressure", "air_density")
@@ -44,15 +48,31 @@ def findings(flight: Flight) -> list[Finding]:
     """Of every signal."""
     found = []
     for kind, stream in flight.streams.items():
-        if kind == Kind.MASS or len(stream.time) < 20:
+        if kind == Kind.MASS or len(stream.time) < LEAST_SAMPLES:
             continue
         for names, columns in groups(stream):
             found += held(names, stream, columns) or _interpolated(names, stream, columns)
             found += _unusable(names, stream)
-            if names != ATTITUDE:
-                for name, column in zip(names, range(columns.start, columns.stop), strict=True):
-                    found += _one(name, kind, stream, column)
+            if names == ATTITUDE:
+                found += _still_angles(stream)
+                continue
+            for name, column in zip(names, range(columns.start, columns.stop), strict=True):
+                found += _one(name, kind, stream, column)
     return found
+
+
+def _still_angles(stream: Stream) -> list[Finding]:
+    """Euler angles that stay all the time, but for rounding."""
+    known = stream.values[np.all(np.isfinite(stream.values), axis=1)]
+    if len(known) < LEAST_SAMPLES:
+        return []
+    angles = zip(ATTITUDE, np.degrees(euler_angles(known)).T, strict=True)
+    return [_stuck(name, angle[0], "°") for name, angle in angles if np.ptp(angle) < _ROUNDING]
+
+
+def _stuck(name: str, value: float, unit: str = "") -> Finding:
+    text = f"it stays at {value + 0.0:.4g}{unit} all the time: the sensor is stuck or not connected"  # no -0
+    return Finding((name,), "held", WARNING, text)
 
 
 def held(names: tuple[str, ...], stream: Stream, columns: slice) -> list[Finding]:
@@ -93,7 +113,7 @@ def _unusable(names: tuple[str, ...], stream: Stream) -> list[Finding]:
 def _one(name: str, kind: Kind, stream: Stream, column: int) -> list[Finding]:
     known = np.isfinite(stream.values[:, column])
     values = stream.values[known, column]
-    if len(values) < 20:
+    if len(values) < LEAST_SAMPLES:
         return []
     absurd = int(np.sum(np.abs(values) > LARGEST_VALUES[kind, column]))
     if name in COMMANDED:
@@ -113,10 +133,7 @@ def _one(name: str, kind: Kind, stream: Stream, column: int) -> list[Finding]:
             "transmission faults, which are left out",
         ))  # fmt: skip
     if np.ptp(values) == 0.0:
-        found.append(Finding(
-            (name,), "held", WARNING, f"it stays at {values[0]:.4g} all the time: the sensor is stuck or not connected"
-        ))  # fmt: skip
-        return found
+        return [*found, _stuck(name, values[0])]
     fresh = values[np.concatenate([[True], np.diff(values) != 0.0])]
     found += saturated(name, values, stream.time[known]) if name not in GEODETIC else []
     return found + (_spikes(name, fresh) or _coarse(name, fresh) if not absurd else [])
