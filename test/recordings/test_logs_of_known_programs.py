@@ -232,7 +232,43 @@ def attas(flown, path):
     return IMU | ATTITUDE | (PLACE - {"altitude"}) | SURFACES | air
 
 
-@pytest.mark.parametrize("layout", [vectornav, xsens, flightgear, jsbsim, xplane, mavlink, matlab, sidpac, ftis, attas])
+def onspeed(flown, path):
+    """A logger of angle of attack for light aeroplanes, in g, degrees, feet and knots."""
+    _written(path / "log_012.csv", {
+        "timeStamp": np.round(1e3 * flown["time"]), "Pfwd": 300.0 + 0.0 * flown["time"],
+        "Palt": flown["altitude"] / FOOT, "IAS": flown["indicated_airspeed"] / KNOT,
+        "AngleofAttack": DEGREES * flown["angle_of_attack"], "flapsPos": 0.0 * flown["time"],
+        "TAS": flown["true_airspeed"] / KNOT, "imuTemp": 41.0 + 0.0 * flown["time"],
+        "VerticalG": -flown["specific_force.z"] / G, "LateralG": flown["specific_force.y"] / G,
+        "ForwardG": flown["specific_force.x"] / G,
+        **{f"{name}Rate": DEGREES * flown[f"angular_velocity.{axis}"]
+           for name, axis in (("Roll", "x"), ("Pitch", "y"), ("Yaw", "z"))},
+        "Pitch": DEGREES * flown["attitude.pitch"], "Roll": DEGREES * flown["attitude.roll"],
+        "boomBeta": DEGREES * flown["sideslip"],
+        "EarthVerticalG": -np.gradient(flown["velocity.down"], flown["time"]) / G,
+        "VSI": -60.0 * flown["velocity.down"] / FOOT,
+    }, step=2)  # fmt: skip
+    air = {"pressure_altitude", "indicated_airspeed", "true_airspeed", "angle_of_attack", "sideslip", "velocity.down"}
+    return IMU | air | {"attitude.roll", "attitude.pitch"}
+
+
+def indexed(flown, path):
+    """Vectors of which the unit stands before the number of the element."""
+    unit = {"accel_body_mps2": "specific_force", "angular_rate_body_radps": "angular_velocity"}
+    euler, ways = ("roll", "pitch", "yaw"), ("north", "east", "down")
+    _written(path / "flight_16951.csv", {
+        "seconds_since_launch": flown["time"],
+        **{f"velocity_ned_mps[{i}]": flown[f"velocity.{way}"] for i, way in enumerate(ways)},
+        **{f"{name}[{i}]": flown[f"{signal}.{axis}"] for name, signal in unit.items() for i, axis in enumerate("xyz")},
+        **{f"orientation_rad[{i}]": flown[f"attitude.{name}"] for i, name in enumerate(euler)},
+        **{f"position_sigma_ned_m[{i}]": 0.0 * flown["time"] + 0.3 for i in range(3)},
+    }, step=2)  # fmt: skip
+    return IMU | ATTITUDE | VELOCITY
+
+
+@pytest.mark.parametrize(
+    "layout", [vectornav, xsens, flightgear, jsbsim, xplane, mavlink, matlab, sidpac, ftis, attas, onspeed, indexed]
+)
 def test_a_log_of_a_known_program_is_guessed(tmp_path, flown, layout):
     """Of FlightGear no name was known, of VectorNav the accelerometers; SIDPAC held "no columns of numbers"."""
     expected = layout(flown, tmp_path)
@@ -319,7 +355,7 @@ def _read(file):
      "hding,__mag", "/accelerations/pilot-gdamped", "/fmu/out/imu/x", "/gimbal/pitch", "/camera/imu/angular_velocity.x",
      "/autopilot/pid/pitch", "/controls/flight/elevator", "/home/altitude", "/wind/velocity/north", "/traffic/latitude",
      "/esc/temperature", "/hydraulic/pressure", "/goal/latitude", "/body/rates/roll", "/moments/pitch",
-     "/acceleration/north", "/inputs/yaw"],
+     "/acceleration/north", "/inputs/yaw", "EarthVerticalG", "orientation[1]", "vnYawSigma", "position_sigma_ned_m[0]"],
 )  # fmt: skip
 def test_what_only_ends_like_a_signal_is_none(name):
     assert guess_name(name) is None and guess_ground_track(name) is None

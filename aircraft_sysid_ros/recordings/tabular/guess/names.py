@@ -37,8 +37,8 @@ _QUANTITIES: dict[str, frozenset[str]] = {
 #: Of a stick: what has no unit there is of -1 to 1, and no angle.
 _INPUTS = frozenset({"actuator", "actuators", "control", "controls", "input", "inputs"})
 _OF_ENGINES, _SURFACES = ("throttle", "thrust", "propeller_speed"), ("elevator", "aileron", "rudder", "flaps")
-#: Names that mean something else as well: lengths and widths, a capacity, a regime of flight.
-_NEEDS_UNIT = frozenset({"laenge", "breite", "cap", "regime"})
+#: Names that mean something else as well: lengths and widths, a capacity, a regime of flight, a quaternion.
+_NEEDS_UNIT = frozenset({"laenge", "breite", "cap", "regime", "orientation"})
 _COMMANDS = frozenset({"cmd", "command", "commanded"})
 _UNIT_ENDINGS, _SAYS_UNIT = (
     {word: unit for unit, words in _VOCABULARY[key].items() for word in words.split()}
@@ -53,6 +53,7 @@ _RECEIVERS, _HEADINGS = frozenset({"gps", "gnss"}), frozenset({"heading", "hdg",
 _UNIT_OF_TRACK = {"speed": "m/s", "course": "rad"}
 _WRITTEN: dict[str, str] = _VOCABULARY["written"]
 _INDEX = re.compile(r"\[(\d)\](?=$|_)")
+_UNIT_BEFORE_INDEX = re.compile(r"_([a-z0-9]+)\[(\d)\]$")
 _FIELD_OF_ROS = re.compile(r"^field\.|^_\.|^/")
 
 
@@ -170,12 +171,19 @@ def _words(name: str) -> list[str]:
     for written, plain in _WRITTEN.items():
         name = name.replace(written, plain)
     name = _FIELD_OF_ROS.sub("", name)
+    name = _UNIT_BEFORE_INDEX.sub(_index_first, name)
     name = _INDEX.sub(lambda match: "_" + "xyzw"[min(int(match.group(1)), 3)], name)
     name = name.translate(_LETTERS)
     name = re.sub("Ao([AS])(?![a-z])", lambda match: f"ao{match.group(1).lower()}", name)  # one word, and no hump
     name = re.sub(r"([a-z])([A-Z])", r"\1_\2", name)
     name = re.sub(r"([A-Z]{2,})([A-Z][a-z]{2,})", r"\1_\2", name)
     return [_plain(word) for word in re.split(r"[^a-zA-Z0-9]+", name.lower()) if word]
+
+
+def _index_first(match: re.Match[str]) -> str:
+    """Of accel_mps2[0] accel[0]_mps2."""
+    unit, index = match.groups()
+    return f"[{index}]_{unit}" if unit in _UNIT_ENDINGS else match.group()
 
 
 def _plain(word: str) -> str:
