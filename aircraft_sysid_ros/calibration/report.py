@@ -20,7 +20,7 @@ from aircraft_sysid_ros.calibration.procedure import Answer, residuals, solve
 from aircraft_sysid_ros.calibration.segments import LEAST_TURN, Segments, turned_through
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.estimation.two_stage.residual_sampling import NoMinimumError
-from aircraft_sysid_ros.samples import Samples
+from aircraft_sysid_ros.samples import Samples, flight_at
 
 Array = npt.NDArray[np.float64]
 Span = tuple[float, float] | None
@@ -120,6 +120,12 @@ def calibrate_probe(
 ) -> Report:  # fmt: skip
     """Five-hole probe, (35)-(42), or a richer model. Raises InputError where wind and airspeed cannot be told apart."""
     _check_scales(aircraft)
+    flights = int(flight_at(recording).max(initial=0)) + 1
+    if flights > 1:
+        raise InputError(
+            f"these are {flights} flights, each in a wind of its own, and a calibration of the probe has one wind: give "
+            "the recording of one of them"
+        )
     flight = five_hole_probe.probe_flight(recording, aircraft, span, sensitivity)
     every = np.ones(len(flight.navigation.time), dtype=bool)
     if turned_through(flight.navigation, every) < LEAST_TURN:

@@ -14,7 +14,7 @@ from aircraft_sysid_ros.calibration.report import _no_answers, calibrate_probe
 from aircraft_sysid_ros.calibration.segments import find_segments
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.estimation.least_squares import central_differences
-from aircraft_sysid_ros.samples import Kind, Samples, samples_of
+from aircraft_sysid_ros.samples import Kind, Samples, joined, samples_of
 from aircraft_sysid_ros.sensors.five_hole_probe import ProbeCalibration
 from aircraft_sysid_ros.sensors.sensor_models import EPOCH, SensorOptions
 from aircraft_sysid_ros.simulation.calibration_flight import calibration_flight
@@ -115,6 +115,17 @@ def test_straight_flight_says_so(calibration_aircraft):
     flight = simulate_samples(calibration_aircraft, 1, 120.0, manoeuvres="standard", wind_walk=0.0, sensors=sensors)
     with pytest.raises(InputError, match="wind and airspeed error cannot be told apart"):
         calibrate_probe(until(flight.samples, 60.0), calibration_aircraft)
+
+
+def test_flights_of_different_days_have_different_winds(calibration_aircraft):
+    """Of a run of two flights the wind found was that between both, and the scales had the rest of it."""
+    one = samples_of(Kind.FIVE_HOLE, [EPOCH, EPOCH + 10**9], np.ones((2, 4)))
+    both, _ = joined([one, Samples(one.stamp + 86_400 * 10**9, one.kind, one.values)])
+    with pytest.raises(InputError, match="these are 2 flights"):
+        calibrate_probe(both, calibration_aircraft)
+    same, _ = joined([one, Samples(one.stamp + 60 * 10**9, one.kind, one.values)])
+    with pytest.raises(InputError, match="no usable IMU samples"):  # manoeuvres of one flight
+        calibrate_probe(same, calibration_aircraft)
 
 
 @pytest.mark.long
