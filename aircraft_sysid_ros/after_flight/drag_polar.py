@@ -51,7 +51,8 @@ LEAST_FLIGHT, _LEAST_RANGE = 8.0 * WINDOW, 0.02
 #: A value of which more than this share is doubt is not to be used, nor any where less is explained, as of parameters.
 _MOST_DOUBT, LEAST_EXPLAINED = 0.25, 0.5
 _FOLDS, _DRAWS = 5, 2000
-#: A best glide is told where drag without lift and of lift are each so many standard errors above nothing.
+#: A best glide is told where enough is explained, and drag without lift and of lift are each so many standard errors
+#: above nothing.
 _KNOWN = 2.0
 #: Width [s] of the bell under which samples are averaged.
 _BELL = 0.7
@@ -397,7 +398,7 @@ def polar_json(found: DragPolar, mass: float, area: float, idle: float) -> dict[
     zero, induced = found.values[-2:]
     ratios = 0.5 / np.sqrt(np.maximum(draws[:, -2] * draws[:, -1], 1e-12))
     glide = None
-    if np.all(found.values[-2:] > _KNOWN * found.std[-2:]):
+    if found.explained >= LEAST_EXPLAINED and np.all(found.values[-2:] > _KNOWN * found.std[-2:]):
         best = float(np.sqrt(zero / induced))
         glide = {
             "ratio": float(0.5 / np.sqrt(zero * induced)),

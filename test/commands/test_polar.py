@@ -87,6 +87,13 @@ def test_best_glide_follows_from_the_polar():
     assert np.all(np.abs(level["power"] - true) < 4.0 * np.array(level["std"]))
 
 
+def test_no_best_glide_of_a_polar_that_explains_too_little():
+    """Beside 'too little is explained to give the power of level flight' stood a best glide without a word."""
+    found = fit(windows(1, 0.5, False), GLIDING)
+    known, doubtful = (polar_json(replace(found, explained=share), 5.0, 0.8, 0.0) for share in (0.6, 0.4))
+    assert known["best_glide"] is not None and doubtful["best_glide"] is None
+
+
 def test_power_that_follows_drag_is_refused():
     same = windows(2, 0.0, True)
     steady = Windows(np.zeros(240), same.drag @ [0.05, 0.07], *(getattr(same, n) for n in ("pushed", "drag", "number")),
