@@ -68,11 +68,14 @@ from aircraft_sysid_ros.stamps import nanoseconds
 
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
+Integers = npt.NDArray[np.int64]
 
 #: Longest distance [s] of a control sample.
 _SETTLE = 0.2
 #: A value that leaps from the mean of its neighbours by more than this many times the usual leap is a fault.
 _FAULT = 50.0
+#: A step [s] that is no sample lost: between manoeuvres, whose IMUs may have rates of their own.
+_APART = 1.0
 
 
 @dataclass(frozen=True)
@@ -80,7 +83,7 @@ class FlightRecord:
     """N times of a flight, as the flight model wants them."""
 
     model: FlightModel
-    stamp: npt.NDArray[np.int64]  # (N,) [ns]
+    stamp: Integers  # (N,) [ns]
     time: Array  # (N,) [s]
     inputs: Array  # (N, INPUT_SIZE + MIDDLE_SIZE), with controls in the middle of each step
     outputs: Array  # (N, 18), NaN: not measured then
@@ -120,10 +123,9 @@ def record_of(aircraft: Aircraft, samples: Samples, rate: float, options: StateO
     interval, known = sparse_interval(samples), np.ones(len(rows), np.bool_)
     if interval > 0.0:
         rows, known = dense_rows(rows, interval)
-    first, last = _groups(rows, rate)
+    first, every = _groups(rows, rate)
     if not len(first):
         raise InputError("the IMU samples of the run have gaps everywhere: nothing can be refined")
-    every = int(last[0] - first[0] + 1)
     time = _mean(rows[:, StateField.TIME], first, every)
     states = _states(rows, first, every)
     samples = servo_lag(aircraft).follow(samples)
@@ -140,7 +142,7 @@ def record_of(aircraft: Aircraft, samples: Samples, rate: float, options: StateO
     status = rows[first, StateField.STATUS]
     finite = np.all(np.isfinite(inputs), axis=1) & np.all(np.isfinite(states), axis=1)
     in_flight = finite & (airspeed >= aircraft.minimum_airspeed) & (status != Status.WAITING)
-    model = flight_model_of(aircraft, float(gravity(origin[0], origin[2])), every)
+    model = flight_model_of(aircraft, float(gravity(origin[0], origin[2])), int(np.median(every)))
     outputs = _without_outliers(outputs, in_flight, time if interval > 0.0 else None)
     return FlightRecord(
         model, nanoseconds(time, estimator.epoch), time, inputs, outputs, states, in_flight, missing,
@@ -160,29 +162,37 @@ def _corrected(aircraft: Aircraft, samples: Samples, times: Array, values: Array
     return values
 
 
-def _groups(rows: Array, rate: float) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
-    """First and last row of each group of IMU samples that is one grid step, without gaps inside."""
-    time = rows[:, StateField.TIME]
-    interval = float(np.median(np.diff(time))) if len(time) > 1 else 1.0
-    every = max(round(1.0 / (rate * interval)), 1)
-    broken = np.flatnonzero((np.diff(time) > 1.5 * interval) | (np.diff(time) <= 0.0)) + 1
-    starts = []
-    for part in np.split(np.arange(len(time)), broken):
-        starts.append(part[: len(part) // every * every : every])
-    first = np.concatenate(starts)
-    return first, first + every - 1
+def _groups(rows: Array, rate: float) -> tuple[Integers, Integers]:
+    """First row and number of rows of each group of IMU samples that is one grid step, without gaps inside."""
+    time, starts, counts = rows[:, StateField.TIME], [], []
+    steps = np.diff(time)
+    for manoeuvre in np.split(np.arange(len(time)), np.flatnonzero((steps > _APART) | (steps <= 0.0)) + 1):
+        own = np.diff(time[manoeuvre])
+        interval = float(np.median(own)) if len(own) else 1.0
+        every = max(round(1.0 / (rate * interval)), 1)
+        for part in np.split(manoeuvre, np.flatnonzero(own > 1.5 * interval) + 1):
+            starts.append(part[: len(part) // every * every : every])
+            counts.append(np.full(len(starts[-1]), every))
+    return np.concatenate(starts), np.concatenate(counts)
 
 
-def _mean(series: Array, first: npt.NDArray[np.int64], every: int) -> Array:
+def _mean(series: Array, first: Integers, every: Integers) -> Array:
     """Means over groups of ``every`` rows that begin at ``first``."""
-    return np.asarray(np.mean([series[first + k] for k in range(every)], axis=0))
+    out = np.empty((len(first), *series.shape[1:]))
+    for count in np.unique(every).tolist():
+        own = every == count
+        out[own] = np.mean([series[first[own] + k] for k in range(count)], axis=0)
+    return out
 
 
-def _states(rows: Array, first: npt.NDArray[np.int64], every: int) -> Array:
-    states = np.empty((len(first), STATE_SIZE))
+def _states(rows: Array, first: Integers, every: Integers) -> Array:
+    states, turned = np.empty((len(first), STATE_SIZE)), np.empty((len(first), 4))
     attitude = rows[:, StateField.ATTITUDE]
-    same_side = np.sign(np.sum(attitude[first][:, None] * np.stack([attitude[first + k] for k in range(every)], 1), 2))
-    turned = np.sum([same_side[:, k, None] * attitude[first + k] for k in range(every)], axis=0)
+    for count in np.unique(every).tolist():
+        own = every == count
+        of_group = np.stack([attitude[first[own] + k] for k in range(count)], 1)
+        same_side = np.sign(np.sum(of_group[:, :1] * of_group, axis=2))
+        turned[own] = np.sum(same_side[:, :, None] * of_group, axis=1)
     states[:, 0:3] = _mean(rows[:, StateField.VELOCITY], first, every)
     states[:, 3:6] = _mean(rows[:, StateField.POSITION], first, every)
     states[:, 6:10] = turned / np.linalg.norm(turned, axis=1, keepdims=True)
@@ -193,14 +203,14 @@ def _states(rows: Array, first: npt.NDArray[np.int64], every: int) -> Array:
 
 def _inputs(
     aircraft: Aircraft,
-    kinds: npt.NDArray[np.int64],
+    kinds: Integers,
     times: Array,
     values: Array,
     rows: Array,
     states: Array,
     time: Array,
-    first: npt.NDArray[np.int64],
-    every: int,
+    first: Integers,
+    every: Integers,
 ) -> tuple[Array, frozenset[str]]:
     """Inputs (N, INPUT_SIZE + MIDDLE_SIZE) and the signals that are never measured.
 
@@ -234,12 +244,12 @@ def _inputs(
     return inputs, frozenset(name for name, gone in zip(names, never, strict=False) if gone) | no_ground
 
 
-def _series(kind: Kind, width: int, kinds: npt.NDArray[np.int64], times: Array, values: Array, at: Array) -> Array:
+def _series(kind: Kind, width: int, kinds: Integers, times: Array, values: Array, at: Array) -> Array:
     order = _in_order(kind, kinds, times)
     return cubic(times[order], np.ascontiguousarray(values[order, :width]), at, _SETTLE)
 
 
-def _in_order(kind: Kind, kinds: npt.NDArray[np.int64], times: Array) -> npt.NDArray[np.int64]:
+def _in_order(kind: Kind, kinds: Integers, times: Array) -> Integers:
     """Which samples are of a kind, in order of time."""
     chosen = np.flatnonzero(kinds == kind)
     return chosen[np.argsort(times[chosen], kind="stable")]
@@ -247,13 +257,13 @@ def _in_order(kind: Kind, kinds: npt.NDArray[np.int64], times: Array) -> npt.NDA
 
 def _outputs(
     aircraft: Aircraft,
-    kinds: npt.NDArray[np.int64],
+    kinds: Integers,
     times: Array,
     values: Array,
     rows: Array,
     time: Array,
-    first: npt.NDArray[np.int64],
-    every: int,
+    first: Integers,
+    every: Integers,
     longest_step: float,
 ) -> Array:
     """Outputs (N, 18); the IMU as measured, that is with the biases that the rows are without."""
@@ -307,7 +317,7 @@ def _outputs(
     return y
 
 
-def _nearest(time: Array, at: Array, longest_step: float) -> tuple[npt.NDArray[np.int64], Mask]:
+def _nearest(time: Array, at: Array, longest_step: float) -> tuple[Integers, Mask]:
     """Index of the nearest grid time, and whether it is within half of the longest step."""
     right = np.clip(np.searchsorted(time, at), 1, len(time) - 1)
     nearest = np.where(at - time[right - 1] < time[right] - at, right - 1, right)

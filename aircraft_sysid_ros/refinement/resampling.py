@@ -28,8 +28,8 @@ def cubic(times: Array, values: Array, at: Array, longest: float) -> Array:
     return np.where(np.isfinite(curved), curved, signals.interpolate(times, values, at, longest))
 
 
-def sharpened(mean: Array, time: Array, every: int) -> Array:
-    """Value (N, k) at the middle of a step from the means of ``every`` samples over it and its neighbours.
+def sharpened(mean: Array, time: Array, every: npt.NDArray[np.int64]) -> Array:
+    """Value (N, k) at the middle of a step from the means of ``every`` samples (N,) over it and its neighbours.
 
     A mean of n samples T apart takes omega^2 T^2 (n^2 - 1) / 24 of a motion away, a third of a per cent of a brisk
     one; second differences of the means tell how much, and where a neighbour is missing nothing is put back.
@@ -39,7 +39,7 @@ def sharpened(mean: Array, time: Array, every: int) -> Array:
     share = (1.0 - 1.0 / every**2) / 24.0
     regular = (np.abs(np.diff(time[:-1]) - step) < 0.2 * step) & (np.abs(np.diff(time[1:]) - step) < 0.2 * step)
     bend = mean[2:] - 2.0 * mean[1:-1] + mean[:-2]
-    out[1:-1] -= np.where(regular[:, None], share * bend, 0.0)
+    out[1:-1] -= np.where(regular[:, None], share[1:-1, None] * bend, 0.0)
     return out
 
 

@@ -14,7 +14,7 @@ from aircraft_sysid_ros.identification.model_change import with_terms
 from aircraft_sysid_ros.refinement.record import record_of
 from aircraft_sysid_ros.refinement.resampling import cubic
 from aircraft_sysid_ros.refinement.segments import Segment, segments_of
-from aircraft_sysid_ros.samples import CONTROL_COLUMNS, Kind
+from aircraft_sysid_ros.samples import CONTROL_COLUMNS, Kind, joined
 from aircraft_sysid_ros.sensors.sensor_models import air_data_at, specific_force_at
 
 
@@ -151,6 +151,23 @@ def test_a_control_that_no_term_reads_may_come_and_go(still_flight):
     np.testing.assert_array_equal(found.in_flight, whole.in_flight)
     read = with_terms(aircraft, {"Cl": ("propeller_speed",)}, {})
     assert record_of(read, replace(samples, values=values), 50.0).in_flight.sum() < 0.7 * whole.in_flight.sum()
+
+
+def test_flights_whose_imus_have_other_rates_are_both_in_the_record(still_flight):
+    """Of two flights that were joined the one with the slower IMU was taken for gaps, and was lost without a word."""
+    samples = still_flight.samples
+    since = (samples.stamp - samples.stamp[0]) * 1e-9
+    imu = np.flatnonzero(samples.kind == Kind.IMU)
+    thin = np.ones(len(samples), np.bool_)
+    thin[imu[1::2]] = False
+    body, shifts = joined([samples[since < 9.0], samples[(since >= 9.0) & (since < 18.0) & thin]])
+    record = record_of(still_flight.aircraft, body, 50.0)
+    is_second = record.stamp > samples.stamp[0] + 9 * 10**9 + shifts[1]
+    assert is_second[record.in_flight].sum() > 0.4 * record.in_flight.sum()
+    assert np.median(np.diff(record.time[is_second])) == pytest.approx(0.02, rel=0.01)
+    alone = record_of(still_flight.aircraft, samples[since < 18.0], 50.0)
+    same = slice(200, 400)  # whatever is joined to it, the first flight is as it is alone
+    np.testing.assert_allclose(record.outputs[same, :6], alone.outputs[same, :6], atol=1e-9)
 
 
 def test_samples_without_a_flight_are_refused(still_flight, still_run):
