@@ -123,8 +123,8 @@ def calibrate_probe(
     flights = int(flight_at(recording).max(initial=0)) + 1
     if flights > 1:
         raise InputError(
-            f"these are {flights} flights, each in a wind of its own, and a calibration of the probe has one wind: give "
-            "the recording of one of them"
+            f"these are {flights} flights, each in a wind of its own, and a calibration of the probe has one wind: "
+            "give the recording of one of them"
         )
     flight = five_hole_probe.probe_flight(recording, aircraft, span, sensitivity)
     every = np.ones(len(flight.navigation.time), dtype=bool)
