@@ -48,6 +48,15 @@ def test_a_recording_with_every_message_twice_is_said_to_be_that(flown):
         assert new[:2] == ("jitter", WARNING) and "count once" in new[2]
 
 
+def test_samples_of_one_stamp_are_an_error_that_says_so(flown):
+    """As where nobody sets the stamps of the headers: they were too coarse for nan Hz, a warning."""
+    stamps = np.where(flown.kind == Kind.IMU, flown.stamp, flown.stamp[0])
+    (found,) = said(Samples(stamps, flown.kind, flown.values), "true_airspeed")
+    assert found[:2] == ("jitter", ERROR) and "samples have the same stamp" in found[2]
+    none = Samples(np.zeros_like(flown.stamp), flown.kind, flown.values)
+    assert [each[1] for each in said(none, "specific_force.z")] == [ERROR]
+
+
 def test_an_airspeed_below_zero_is_an_error_and_noise_at_rest_is_none(flown):
     east = with_column(flown, Kind.AIRSPEED, 0, lambda v: 15.0 * np.sin(np.arange(len(v)) / 300.0))
     kind, severity, sentence = next(each for each in said(east, "true_airspeed") if each[0] == "sign")

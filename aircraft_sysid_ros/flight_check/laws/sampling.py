@@ -88,7 +88,13 @@ def _order(stream: Stream, names: tuple[str, ...]) -> list[Finding]:
             f"{stream.disordered} samples are stamped earlier than the one before them: correct the clock of the "
             "sensor, or stamp on arrival",
         ))  # fmt: skip
-    if same > 0.01 * len(stream.time):
+    if same == len(stream.time) - 1 > 0:
+        found.append(Finding(
+            names, "jitter", ERROR,
+            f"all {len(stream.time)} samples have the same stamp: let the driver stamp each when it is measured "
+            "(header.stamp), nothing can be estimated without",
+        ))  # fmt: skip
+    elif same > 0.01 * len(stream.time):
         found.append(Finding(
             names, "jitter", WARNING,
             f"{same} of {len(stream.time)} samples have the stamp of the one before: the stamps are too coarse for "
