@@ -78,7 +78,8 @@ class Instruments:
         airspeed, alpha, beta = self._flow
         return Seen(self._rates, self._attitude, airspeed, alpha, beta, self._density, self._height)
 
-    @property
-    def condition(self) -> Condition | None:
-        """Flight condition for the consumer library."""
-        return None if self._flow is None else Condition(*map(float, self._flow))
+    def condition(self, stamp: int) -> Condition | None:
+        """Flight condition for the consumer library at a stamp [ns]; None while air data are older than LONGEST_GAP."""
+        if self._flow is None or abs(stamp - self._stamp) > 1e9 * LONGEST_GAP:
+            return None
+        return Condition(*map(float, self._flow))

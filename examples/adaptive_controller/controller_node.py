@@ -26,7 +26,7 @@ from task import Multisine, Task
 
 from aircraft_sysid_ros.aircraft.configuration import Aircraft, load_aircraft
 from aircraft_sysid_ros.config_files import DEFAULT_AIRCRAFT, config_path
-from aircraft_sysid_ros.consumer import ParameterSource, priors_of
+from aircraft_sysid_ros.consumer import Condition, ParameterSource, priors_of
 from aircraft_sysid_ros.consumer.subscriber import ParameterSubscriber
 from aircraft_sysid_ros.nodes import common
 from aircraft_sysid_ros.ros_messages.conversion import frd_from_flu, nanoseconds_of, quaternion_ned_frd
@@ -69,7 +69,7 @@ class ControllerNode(Node):
         self.create_subscription(QuaternionStamped, ATTITUDE_TOPIC, self._on_attitude, quality)
         self.create_subscription(AirData, "air_data", self._on_air_data, quality)
         self.create_subscription(Imu, "imu/data", self._on_imu, quality)
-        self._subscriber = ParameterSubscriber(self, self.source, condition=lambda: self.instruments.condition)
+        self._subscriber = ParameterSubscriber(self, self.source, condition=self._condition)
         say = self.get_logger().warning
         self._imu = Silence(say, "IMU samples", SILENCE, "no commands are sent")
         self.messages = Silence(
@@ -146,9 +146,11 @@ class ControllerNode(Node):
         """Parameters to fly on now."""
         if self._known is not None:
             return self._known.parameters(stamp, self.instruments)
-        condition = self.instruments.condition
-        assert condition is not None
-        return self.source.at(stamp, condition).values
+        return self.source.at(stamp, self.instruments.condition(stamp)).values
+
+    def _condition(self) -> Condition | None:
+        """Where it flies, by the clock of the stamps."""
+        return self.instruments.condition(self._newest_stamp)
 
 
 def fly_until_stopped(_node: ControllerNode, executor: Any, stop: threading.Event) -> int:

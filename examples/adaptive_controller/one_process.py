@@ -133,13 +133,12 @@ class Live:
         self._due = now + MESSAGE_PERIOD
         found = self.pipeline.parameters.snapshot()
         stamp = int(nanoseconds(np.array(now), epoch))
-        self.source.offer(stamp, parameters_content(found), instruments.condition)
+        self.source.offer(stamp, parameters_content(found), instruments.condition(stamp))
         self._note(1e-9 * (stamp - self._start), found)
 
     def parameters(self, now: int, instruments: Instruments) -> Array:
         """What the source answers."""
-        assert instruments.condition is not None
-        self.values = self.source.at(now, instruments.condition)
+        self.values = self.source.at(now, instruments.condition(now))
         return self.values.values
 
     def _note(self, time: float, found: ParameterSet) -> None:

@@ -103,7 +103,7 @@ def test_no_airspeed_does_not_blow_the_surfaces_up(aircraft):
 
 def test_instruments_take_the_lever_arm_of_the_probe_out(aircraft):
     instruments = Instruments(aircraft)
-    assert instruments.seen is None and instruments.condition is None
+    assert instruments.seen is None and instruments.condition(0) is None
     rates, flow = np.array([1.0, 0.5, -0.3]), np.array([16.0, 0.5, 1.0])
     at_probe = flow + np.cross(rates, aircraft.air_data_position)
     v = np.linalg.norm(at_probe)
@@ -132,11 +132,14 @@ def test_instruments_put_air_data_together_that_come_in_parts(aircraft):
     instruments.take_air_data(of_airspeed, second)
     assert instruments.seen is None and instruments.lacking == ["angle_of_attack", "sideslip"]
     instruments.take_air_data(of_angles, second + second // 50)
-    assert instruments.condition == pytest.approx((17.0, 0.05, 0.01)) and instruments.lacking == []
+    now = second + second // 50
+    assert instruments.condition(now) == pytest.approx((17.0, 0.05, 0.01)) and instruments.lacking == []
+    assert instruments.condition(now + second) is not None and instruments.condition(now + second + 1) is None
+    seen = instruments.seen
     instruments.take_air_data(of_angles + 0.01, 3 * second)  # the airspeed is too old
-    assert instruments.condition == pytest.approx((17.0, 0.05, 0.01))
+    assert instruments.seen == seen and instruments.condition(3 * second) is None  # no parameter is LIVE by it
     instruments.take_air_data(of_airspeed, 3 * second + 1)
-    assert instruments.condition == pytest.approx((17.0, 0.06, 0.02))
+    assert instruments.condition(3 * second + 1) == pytest.approx((17.0, 0.06, 0.02))
 
 
 @pytest.mark.long
