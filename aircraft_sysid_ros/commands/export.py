@@ -128,7 +128,8 @@ def notes_on(opened: Run, learnt: LearntModel) -> list[str]:
     doubtful = [p.name for p in learnt.parameters if p.status != Trust.USE.name and p.value]
     unknown = [p.name for p in learnt.parameters if not np.isfinite(p.value)]
     if doubtful := [name for name in doubtful if name not in unknown]:
-        notes.append(f"not to be used, by the judgement of the run or of refine, and exported all the same: {' '.join(doubtful)}")
+        by = "by the judgement of the run or of refine"
+        notes.append(f"not to be used {by}, and exported all the same: {' '.join(doubtful)}")
     if unknown:
         notes.append(f"not known, so without their terms: {' '.join(unknown)}")
     notes += _mass_notes(opened, learnt)
