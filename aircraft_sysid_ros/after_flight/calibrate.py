@@ -178,7 +178,7 @@ def _report(
             **{name: getattr(before, name) for name in files.PARAMETERS if name != SECTIONS[wanted.what]},
             pressure_zeros=before.pressure_zeros,
         )
-        samples = Correction(others).apply(samples)
+        samples = Correction(others, aircraft).apply(samples)
     span = None if wanted.begin == 0.0 and wanted.end == np.inf else (wanted.begin, wanted.end)
     options: dict[str, Any] = {"seed": wanted.seed, "progress": progress}
     if wanted.samples is not None:

@@ -97,7 +97,7 @@ def _flown(
     bags: Sequence[str], aircraft: Aircraft, out: str | Path, options: ReplayOptions, tell: Tell
 ) -> tuple[Pipeline, dict[str, Any] | None]:
     """The pipeline after the flight, and the result; None, and nothing written: the vane is to be placed first."""
-    correction = Correction(load_calibration(options.calibration)) if options.calibration else None
+    correction = Correction(load_calibration(options.calibration), aircraft) if options.calibration else None
     pipeline = Pipeline(aircraft, options.state, options.parameters)
     if correction is not None and options.state.air_data_errors:
         pipeline.state.take_start(start_of_calibration(correction.calibration))

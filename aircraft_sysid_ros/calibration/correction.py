@@ -4,7 +4,8 @@ Every sample is corrected by itself with scalar arithmetic in compiled code, so 
 replay give the same bits. Equation numbers are those of the two-stage paper, docs/references.md.
 
 With a calibrated five-hole probe its airspeed, angle of attack and sideslip take the place of those of air_data, at the
-probe and in body axes; the first step knows where the probe is (air_data_position).
+probe and in body axes; the first step knows where the probe is (air_data_position). Their stamps move by what the
+aircraft file says that the probe is less late than the sensors whose place they take.
 """
 
 from __future__ import annotations
@@ -13,11 +14,13 @@ import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.atmosphere import density_at
+from aircraft_sysid_ros.aircraft.configuration import Aircraft
 from aircraft_sysid_ros.aircraft.frames import euler_from_quaternion, quaternion_from_euler
 from aircraft_sysid_ros.calibration import compatibility, five_hole_probe
 from aircraft_sysid_ros.calibration.calibration_file import Calibration, magnetic_matrix
 from aircraft_sysid_ros.calibration.probe_models import CURVE
 from aircraft_sysid_ros.kernels import njit
+from aircraft_sysid_ros.reconstruction.filter_setup import stamp_delays
 from aircraft_sysid_ros.samples import WIDTH, Kind, Samples
 
 Array = npt.NDArray[np.float64]
@@ -28,10 +31,15 @@ _AIR_DATA = (Kind.AIRSPEED, Kind.ANGLE_OF_ATTACK, Kind.SIDESLIP)
 
 
 class Correction:
-    """Takes out of samples what a calibration says is wrong with their sensors."""
+    """Takes out of samples what a calibration says is wrong with their sensors; ``aircraft``: whose delays these have.
 
-    def __init__(self, calibration: Calibration) -> None:
+    Without it no sensor is late.
+    """
+
+    def __init__(self, calibration: Calibration, aircraft: Aircraft | None = None) -> None:
         self.calibration = calibration
+        delays = np.zeros(len(Kind), np.int64) if aircraft is None else stamp_delays(aircraft)
+        self._later = delays - delays[Kind.FIVE_HOLE]  # [ns] by kind of what comes of the probe
         probe, outputs = calibration.five_hole_probe, calibration.compatibility
         self.uses_probe = bool(probe)
         names = (*five_hole_probe.NAMES1[:2], *five_hole_probe.NAMES2, "alpha_sensitivity", "beta_sensitivity")
@@ -77,6 +85,7 @@ class Correction:
         values[of_probe] = np.nan
         places = np.flatnonzero(of_probe).reshape(-1, len(_OF_PROBE))
         kind[places] = _OF_PROBE
+        stamp[of_probe] += self._later[kind[of_probe]]
         values[places[:, 0], 1] = samples.values[pressures, 0]
         values[places[:, 1:], 0] = flow
         told = np.ones(len(kind), dtype=bool)

@@ -139,7 +139,7 @@ class EstimatorNode(ConfigurableNode, ABC):
         aircraft = load_aircraft(values["aircraft_file"])
         self.correction = None
         if values["calibration_file"]:
-            self.correction = Correction(load_calibration(values["calibration_file"]))
+            self.correction = Correction(load_calibration(values["calibration_file"]), aircraft)
             self.correction.warm_up()
         self.get_logger().info("loading numerical kernels; the first start compiles them, which takes up to a minute")
         self._lost.clear()

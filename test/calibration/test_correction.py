@@ -4,11 +4,13 @@ import numpy as np
 import pytest
 import yaml
 
+from aircraft_sysid_ros.aircraft.configuration import aircraft_from_dict
 from aircraft_sysid_ros.aircraft.frames import euler_from_quaternion, quaternion_from_euler
 from aircraft_sysid_ros.calibration import compatibility, magnetometer
 from aircraft_sysid_ros.calibration.calibration_file import calibration_from_dict, load_calibration
 from aircraft_sysid_ros.calibration.correction import Correction
 from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.reconstruction.filter_setup import stamp_delays
 from aircraft_sysid_ros.samples import Kind, concatenate, samples_of
 from aircraft_sysid_ros.sensors.sensor_models import EPOCH, air_data_at
 
@@ -57,6 +59,25 @@ def test_compatibility_takes_out_what_was_put_in(calibration_flown):
     angles = samples.kind == Kind.ATTITUDE
     along = np.abs(np.sum(corrected.values[angles, :4] * seen.quaternion[angles], axis=1))
     assert np.median(2.0 * np.arccos(np.minimum(along, 1.0))) < 0.03
+
+
+def test_what_comes_of_the_probe_is_as_late_as_the_probe(aircraft):
+    """It had the delay that the aircraft file states for the vanes and the pitot whose place it takes."""
+    delays = {
+        "five_hole_probe": 0.1,
+        "airspeed": 0.25,
+        "angle_of_attack": 0.05,
+        "sideslip": 0.0,
+        "static_pressure": 0.02,
+    }
+    sensors = {name: {"delay": delay} for name, delay in delays.items()}
+    file = aircraft_from_dict({**aircraft.source, "sensors": sensors})
+    stamps = np.arange(5) * 20_000_000 + 10**9
+    pressures = samples_of(Kind.FIVE_HOLE, stamps, np.tile([1e5, 250.0, 20.0, 10.0], (5, 1)))
+    found = Correction(calibration_from_dict({"five_hole_probe": PROBE}), file).apply(pressures)
+    measured = found.stamp - stamp_delays(file)[found.kind]
+    assert len(found) == 4 * len(stamps)
+    np.testing.assert_array_equal(measured.reshape(-1, 4), np.tile(stamps[:, None] - 100_000_000, 4))
 
 
 @pytest.mark.parametrize("scale", [0.1, -0.1])
