@@ -161,7 +161,15 @@ class Sensors:
     """Sensors of one flight: noise of the aircraft file, biases drawn from the seed, a fault if there is one."""
 
     def __init__(self, aircraft: Aircraft, origin: Array, seed: int, count: int, fault: Fault) -> None:
-        """``count``: steps of the flight."""
+        """``count``: steps of the flight. Raises InputError for errors of sensors that these do not have."""
+        for name, sensor in aircraft.sensors.items():
+            has = {key: getattr(sensor, key) for key in ("delay", "lag", "drift", "offset") if getattr(sensor, key)}
+            has |= {"scale": sensor.scale} if sensor.scale != 1.0 else {}
+            for key, value in has.items():
+                raise InputError(
+                    f"the closed loop takes {name} as without error: remove the {key} of {value:g} from the aircraft "
+                    f"file of '{aircraft.name}', or the estimators allow for what is not there"
+                )
         self._odometer, self._fault = Odometer(origin), fault
         self._signs = np.array([aircraft.surface_signs[name] for name in SURFACES])
         self._every = {t: max(round(1.0 / (STEP * aircraft.sensors[s].rate)), 1) for t, (_, s) in _TOPICS.items()}
@@ -233,7 +241,7 @@ class SteppedAeroplane:
     ) -> None:
         """``turbulence`` [m/s]: wind at 20 ft of MIL-F-8785C, 0 for none. ``change_time`` [s]: when damage is done.
 
-        Raises InputError when the aeroplane cannot be trimmed.
+        Raises InputError when the aeroplane cannot be trimmed, and for errors of sensors that these do not have.
         """
         self.aircraft, self.setup = aircraft, prepare(aircraft)
         self.count, self.change_time = round(duration / STEP), change_time

@@ -7,6 +7,7 @@ import pytest
 
 from aircraft_sysid_ros.aircraft.earth import ned_along
 from aircraft_sysid_ros.aircraft.frames import rotation_matrix
+from aircraft_sysid_ros.effects.effect import with_setting
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.samples import Kind
 from aircraft_sysid_ros.simulation.closed_loop import (
@@ -128,6 +129,16 @@ def test_damage_begins_at_its_time(aircraft):
         flags.append(aeroplane.is_changed)
         aeroplane.advance(aeroplane.setup.trim.controls)
     assert flags == [False] * 5 + [True] * 5
+
+
+@pytest.mark.parametrize(
+    ("sensor", "key", "value"),
+    [("gps_velocity", "delay", 0.2), ("control_surfaces", "lag", 0.05), ("angle_of_attack", "scale", 1.1)],
+)
+def test_errors_of_sensors_that_are_not_simulated_are_refused(aircraft, sensor, key, value):
+    """The estimators would allow for what is not there."""
+    with pytest.raises(InputError, match=f"takes {sensor} as without error: .* {key} "):
+        SteppedAeroplane(with_setting(aircraft, ("sensors", sensor, key), value), 0, 1.0)
 
 
 @pytest.mark.parametrize("name", FAULTS)
