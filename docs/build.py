@@ -84,7 +84,6 @@ TABLES: dict[str, Callable[[], str]] = {
     "fleet_small": from_summary(fleet_tables.small, "fleet_small"),
     "fleet_whole": from_summary(fleet_tables.whole, "fleet"),
     "further_effects": from_flights(diagnosis_tables.further_effects, "further_effects"),
-    "isolation_limits": from_code(trust_tables.isolation_limits),
     "jet": from_flights(diagnosis_tables.jet, "jet"),
     "lags": from_flights(diagnosis_tables.lags, "missions"),
     "late_records": from_flights(diagnosis_tables.late_records, "late_records"),

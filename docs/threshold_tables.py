@@ -7,10 +7,14 @@ from typing import Any
 from results import Rows
 
 from aircraft_sysid_ros.diagnosis import thresholds as diagnosis
+from aircraft_sysid_ros.identification import thresholds as identification
 from aircraft_sysid_ros.threshold import thresholds_of
 
 #: By the name of its table.
-RECORDS: dict[str, Any] = {"diagnosis_thresholds": diagnosis.THRESHOLDS}
+RECORDS: dict[str, Any] = {
+    "diagnosis_thresholds": diagnosis.THRESHOLDS,
+    "identification_thresholds": identification.THRESHOLDS,
+}
 
 
 def thresholds(record: Any) -> Rows:

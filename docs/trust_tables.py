@@ -8,8 +8,6 @@ from typing import Any
 
 from results import Rows
 
-from aircraft_sysid_ros.identification.monitoring import error_watch, hold_end, isolation, known_before
-
 Result = dict[str, Any]
 
 WORDS = {
@@ -189,35 +187,3 @@ def use_audit(found: dict[str, Any]) -> Rows:
               "off by more than 3.5", "confidently wrong", "flights in which one was",
               "right, but not in USE"]  # fmt: skip
     return header, rows
-
-
-def isolation_limits() -> Rows:
-    """What tells sensor and aeroplane apart: each limit, and why. The code is where it stands."""
-    rows = [
-        ["a value contradicts what was known beyond this share of it", known_before.SHARE,
-         "below the quarter from which a value counts as wrong; learning is rarely off by more than a tenth"],
-        ["and beyond this many standard errors", known_before.SIGMA,
-         "in gusts standard errors of `fourier` are too small by up to a third"],
-        ["and where it moves the coefficient by this share of its spread", known_before.NEGLIGIBLE,
-         "what nothing depends on is badly known and changes often"],
-        ["standard error over the value of what is surely known", known_before.SURELY,
-         "as of a value that counts as confidently wrong"],
-        ["standard error over that of what was known, for a value to take its place", known_before.BETTER,
-         "twice the data: what creeps is followed by one step at most while they come"],
-        ["share of the errors that an explanation leaves at most", isolation.SURELY,
-         "delays that are no longer small leave 0.5, a wrong airspeed 0.4, a wrong record 0.0"],
-        ["a scale that explains something is at least so far from one", isolation.SCALE,
-         "parameters may be wrong by less, and errors that grow with the motion look like a scale"],
-        ["a delay that explains something is at least so long [s]", isolation.LATE,
-         "in gusts the filter is late by less"],
-        ["chords by which a centre of gravity moves that is noticed", isolation.MOVED,
-         "a fiftieth of a chord changes C_m,alpha by a tenth or more"],
-        ["and by which it moves at most", isolation.FARTHEST, "beyond it nothing flies"],
-        ["mean square error over the usual that a change of the aeroplane leaves at most", isolation.WHOLLY,
-         "twice the usual error, as where a hold ends; noise on the records leaves 6"],
-        ["points of motion, 25 per second, that confirm a change", hold_end.CONFIRMED,
-         "five seconds: two would let through faults that first show in one axis"],
-        ["mean square error over the usual before anything is asked", error_watch.LEAST_ERROR,
-         "below it noise chooses the explanation"],
-    ]  # fmt: skip
-    return ["limit", "value", "why"], [[what, f"{value:g}", why] for what, value, why in rows]

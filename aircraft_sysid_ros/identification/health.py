@@ -14,8 +14,9 @@ and the gain is chi² of one degree of freedom where nothing has changed. The pa
 | centre of gravity aft by d | C_m += -C_Z d / chord, C_n += C_Y d / span |
 | control power 1 + e of a surface | its derivatives in all axes |
 
-A fault is said where its gain is beyond ``LIMIT``² and its size beyond what matters, where it explains most of what is
-unusual, and better than the others, at ``LOOKS`` looks in a row. What two faults do alike is said of both.
+A fault is said where its gain is beyond ``health_sigma``² (``thresholds``) and its size beyond what matters, where it
+explains most of what is unusual, and better than the others, at ``health_looks`` looks in a row. What two faults do
+alike is said of both.
 """
 
 from __future__ import annotations
@@ -29,15 +30,10 @@ import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AerodynamicModel
 from aircraft_sysid_ros.aircraft.fleet_prior import FleetPrior
+from aircraft_sysid_ros.identification.thresholds import THRESHOLDS
 
 Array = npt.NDArray[np.float64]
 
-#: Standard errors from which a fault is said, share of the unusual that it must explain, and looks in a row.
-LIMIT, EXPLAINS, LOOKS = 6.0, 0.6, 3
-#: A fault within so much of the best one in chi² may be it as well.
-ALIKE = 12.0
-#: Parameters to USE, of those that a fault of the whole aeroplane moves, below which nothing is said of it.
-FEWEST = 4
 _RATES = ("p", "q", "r")
 _SURFACES = {
     "elevator": ("de", "CX", "CZ", "Cm"),
@@ -62,15 +58,21 @@ class Fault:
 
 FAULTS: dict[str, Fault] = {
     "airspeed_scale": Fault(
-        "airspeed_scale", 0.05, "the airspeed reads too high, by", "the airspeed reads too low, by"
+        "airspeed_scale", THRESHOLDS.health_airspeed, "the airspeed reads too high, by",
+        "the airspeed reads too low, by",
     ),
-    "mass": Fault("mass", 0.08, "the mass is above that of the file by", "the mass is below that of the file by"),
+    "mass": Fault(
+        "mass", THRESHOLDS.health_mass, "the mass is above that of the file by",
+        "the mass is below that of the file by",
+    ),
     "centre_of_gravity": Fault(
-        "centre_of_gravity", 0.03, "the centre of gravity is further aft, in chords by",
+        "centre_of_gravity", THRESHOLDS.health_gravity, "the centre of gravity is further aft, in chords by",
         "the centre of gravity is further forward, in chords by",
     ),
     **{
-        f"{name}_power": Fault(f"{name}_power", 0.15, f"the {name} has more power, by", f"the {name} has lost power,")
+        f"{name}_power": Fault(
+            f"{name}_power", THRESHOLDS.health_power, f"the {name} has more power, by", f"the {name} has lost power,"
+        )
         for name in _SURFACES
     },
 }  # fmt: skip
@@ -129,7 +131,7 @@ class HealthWatch:
         kind = best[0][0] if best else ""
         self._looks, self._first = (self._looks + 1, self._first) if kind and kind == self._kind else (1, time)
         self._kind = kind
-        if not best or self._looks < LOOKS:
+        if not best or self._looks < THRESHOLDS.health_looks:
             self.now = self.now if best and self.now is not None and self.now.kinds[0] == kind else None
             return
         self.now = Found(best[0], best[1], best[2], self._first)
@@ -149,7 +151,7 @@ class HealthWatch:
         for kind, pattern in self._patterns.items():
             a = np.nan_to_num(pattern[asked])
             of_a = float(weight @ a**2)
-            fewest = 1 if kind.endswith("_power") else FEWEST
+            fewest = 1 if kind.endswith("_power") else THRESHOLDS.health_fewest
             if np.count_nonzero(a) < fewest or of_a <= 0.0:
                 continue
             size = float(weight @ (a * apart)) / of_a
@@ -157,9 +159,12 @@ class HealthWatch:
         if not found:
             return None
         gain, kind, size, of_size = max(found)
-        if gain < LIMIT**2 or abs(size) < FAULTS[kind].least or gain < EXPLAINS * unusual:
+        if gain < THRESHOLDS.health_sigma**2 or abs(size) < FAULTS[kind].least:
             return None
-        alike = sorted((other for other in found if other[1] != kind and other[0] > gain - ALIKE), reverse=True)
+        if gain < THRESHOLDS.health_explains * unusual:
+            return None
+        near = gain - THRESHOLDS.health_alike
+        alike = sorted((other for other in found if other[1] != kind and other[0] > near), reverse=True)
         return (kind, *(other[1] for other in alike)), size, of_size
 
     @property

@@ -16,6 +16,7 @@ from aircraft_sysid_ros.identification.coefficients.layout import WEIGHT_COLUMNS
 from aircraft_sysid_ros.identification.description import Description
 from aircraft_sysid_ros.identification.estimators.recursive_least_squares import RlsState
 from aircraft_sysid_ros.identification.parameter_set import ParameterSet
+from aircraft_sysid_ros.identification.thresholds import THRESHOLDS
 
 Array = npt.NDArray[np.float64]
 
@@ -23,8 +24,6 @@ Array = npt.NDArray[np.float64]
 SAMPLE_MEMORY = 20.0
 #: Time [s] between checkpoints, and for how long they are kept.
 SPACING, CHECKPOINT_MEMORY = 1.0, 30.0
-#: Time [s] for which nothing must have gone wrong after a checkpoint that outlives a change of the model.
-SETTLED = 5.0
 
 _TIME = CoefficientSample.TIME
 _WEIGHTS = slice(0, WEIGHT_COLUMNS)
@@ -211,7 +210,7 @@ class Checkpoints:
             self.keep(carry(newest))
             now = newest.time
         for axis in range(len(AXES)):
-            kept = before.before(now - SETTLED, axis)
+            kept = before.before(now - THRESHOLDS.unspoilt, axis)
             self.begin_anew(axis, now, None if kept is None else carry(kept))
 
     def begin_anew(self, axis: int, now: float, fallback: ParameterCheckpoint | None) -> None:

@@ -1,12 +1,12 @@
 """On the ground again: what is published then is what was known in the air.
 
-Nobody says when an aeroplane meets the ground. It has where it was slower than it can fly for SLOW, in the air
-and over ground, and neither climbed nor sank meanwhile, after it had flown: a stall is shorter, and sinks, and where
-the airspeed fails it still moves over ground. On its run before that it was fast enough to be
-learnt from, for ROLLING at most, and what wheels did is in the coefficients. So what was known ROLLING before it became
-too slow is published while it stands, with the statuses of that time, and is what is known when it takes off again.
-In wind one that stands may be as fast as one that flies: what lasts less than FLOWN is a gust or a hop, after which the
-same is published again.
+Nobody says when an aeroplane meets the ground. It has where it was slower than it can fly for ``landed``
+(``thresholds``), in the air and over ground, and neither climbed nor sank meanwhile, after it had flown: a stall is
+shorter, and sinks, and where the airspeed fails it still moves over ground. On its run before that it was fast enough
+to be learnt from, for ``rolling`` at most, and what wheels did is in the coefficients. So what was known ``rolling``
+before it became too slow is published while it stands, with the statuses of that time, and is what is known when it
+takes off again. In wind one that stands may be as fast as one that flies: what lasts less than ``flown`` is a gust or a
+hop, after which the same is published again.
 """
 
 from __future__ import annotations
@@ -19,19 +19,16 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from aircraft_sysid_ros.identification.coefficients.ground import LEVEL
 from aircraft_sysid_ros.identification.history import ParameterCheckpoint
 from aircraft_sysid_ros.identification.parameter_set import ParameterSet
+from aircraft_sysid_ros.identification.thresholds import THRESHOLDS
 from aircraft_sysid_ros.kernels import njit
 from aircraft_sysid_ros.reconstruction.state import StateField
 
 Array = npt.NDArray[np.float64]
 
-#: [s] too slow to fly, as in diagnosis/flight/wheels.py; [s] of the run before it, as ``rolling`` of its thresholds.
-SLOW, ROLLING = 5.0, 20.0
-#: [s] in flight, since the last landing, before there is a landing.
-FLOWN = 30.0
-_MEMORY = ROLLING + SLOW + 5.0
+_LEVEL = THRESHOLDS.level
+_MEMORY = THRESHOLDS.rolling + THRESHOLDS.landed + 5.0  # [s]
 _TIME, _AIRSPEED, _NORTH = StateField.TIME, StateField.AIRSPEED, StateField.VELOCITY.start
 _SLOW_SINCE, _FLOWN, _NEWEST = range(3)
 
@@ -57,7 +54,7 @@ def _follow(rows: Array, minimum_airspeed: float, motion: Array) -> bool:
             motion[_FLOWN] += time - motion[_NEWEST]
         motion[_NEWEST] = time
         over_ground = np.sqrt(north * north + east * east)
-        if airspeed < minimum_airspeed and over_ground < minimum_airspeed and abs(down) < LEVEL:
+        if airspeed < minimum_airspeed and over_ground < minimum_airspeed and abs(down) < _LEVEL:
             motion[_SLOW_SINCE] = min(motion[_SLOW_SINCE], time)
         else:
             motion[_SLOW_SINCE], was_fast = np.inf, True
@@ -94,11 +91,12 @@ class Landing:
     def touched_down(self, now: float) -> Known | None:
         """What was known in the air, once, where it is found ``now`` [s] to be on the ground."""
         slow_since, flown, _ = self._motion.tolist()
-        if not np.isnan(self.since) or now - slow_since < SLOW:
+        if not np.isnan(self.since) or now - slow_since < THRESHOLDS.landed:
             return None
         known = self._air
-        if flown >= FLOWN:
-            known = next((each for each in reversed(self._kept) if each.kept.time <= slow_since - ROLLING), None)
+        if flown >= THRESHOLDS.flown:
+            before = slow_since - THRESHOLDS.rolling
+            known = next((each for each in reversed(self._kept) if each.kept.time <= before), None)
         if known is None:
             return None
         self._air, self.since = known, slow_since

@@ -11,8 +11,8 @@ Published is of each parameter j what this flight says of it with the help of wh
 
 with the correlations of F. So a prior tells collinear terms apart sooner, and never vouches for its own parameter: one
 that has changed since is as free as without. Where one that would be to USE without the prior is further from it than
-``LIMIT`` standard errors of both, those of this flight ``WIDER``, at some looks in a row, the prior of the axis is
-dropped for good, and from then on all is as without it.
+``prior_sigma`` standard errors of both, those of this flight ``prior_wider``, at some looks in a row, the prior of the
+axis is dropped for good, and from then on all is as without it.
 
 Nothing but what is published knows of the prior: estimators, residuals and holds are those of a flight without it, and
 changes in flight are found as they are without it.
@@ -28,17 +28,13 @@ import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, AerodynamicModel
 from aircraft_sysid_ros.aircraft.fleet_prior import FleetPrior
+from aircraft_sysid_ros.identification.thresholds import THRESHOLDS
 
 Array = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
 
-#: Standard errors of the difference between this flight and earlier ones from which they contradict each other.
-LIMIT = 4.0
-#: What those of this flight count for: in the first seconds of motion in gusts they are too small.
-WIDER = 2.5
-#: Time [s] between two looks at this flight beside the prior, and how many in a row must find a contradiction: in its
-#: first seconds of motion a flight is at times surer of itself than it should be.
-LOOK_STEP, LOOKS = 1.0, 4
+#: Time [s] between two looks at this flight beside the prior.
+LOOK_STEP = 1.0
 #: What is added to a correlation matrix that may be singular; this flight says nothing beside less information.
 _NEARLY = 1e-9
 
@@ -77,8 +73,8 @@ def _of_axis(model: AerodynamicModel, axis: str, prior: FleetPrior | None) -> Ax
 def helped(theta: Array, covariance: Array, prior: AxisPrior | None) -> Helped | None:
     """One axis (n,), (n, n) with its prior; None where that does not count, or this flight says nothing yet.
 
-    Nor where what comes of it is further from the prior of a parameter than ``LIMIT`` standard errors of both: then
-    another one has changed, and this one would pay for it.
+    Nor where what comes of it is further from the prior of a parameter than ``prior_sigma`` standard errors of both:
+    then another one has changed, and this one would pay for it.
     """
     if prior is None or prior.dropped:
         return None
@@ -99,7 +95,7 @@ def helped(theta: Array, covariance: Array, prior: AxisPrior | None) -> Helped |
         return None
     alone = (together - (1.0 - rest) * prior.mean) / rest
     std = np.minimum(np.sqrt(np.diag(both) / rest), 1.0)
-    if np.any(_apart(alone, scale * std, prior) > LIMIT):
+    if np.any(_apart(alone, scale * std, prior) > THRESHOLDS.prior_sigma):
         return None
     grown = scale * std / np.sqrt(np.diag(both))
     return Helped(alone, both * np.outer(grown, grown), 1.0 / std)
@@ -117,9 +113,9 @@ def contradiction(names: Sequence[str], value: Array, std: Array, is_used: Bools
     ``value`` and ``std`` (n,) are by this flight alone; only what is to USE by it alone (n,) can contradict.
     """
     asked = is_used & (prior.information > 0.0)
-    apart = np.where(asked, _apart(value, WIDER * std, prior), 0.0)
+    apart = np.where(asked, _apart(value, THRESHOLDS.prior_wider * std, prior), 0.0)
     j = int(np.argmax(apart))
-    if apart[j] <= LIMIT:
+    if apart[j] <= THRESHOLDS.prior_sigma:
         return ""
     of_prior = prior.information[j] ** -0.5
     return f"{names[j]} is {value[j]:.3g} ± {std[j]:.2g}, and {prior.flights} say {prior.mean[j]:.3g} ± {of_prior:.2g}"
@@ -163,7 +159,7 @@ class FleetKnowledge:
         names = self._model.parameter_names[self._model.axis_slice(AXES[axis])]
         why = contradiction(names, value, std, is_used, prior)
         self._times[axis] = self._times[axis] + 1 if why else 0
-        if self._times[axis] >= LOOKS:
+        if self._times[axis] >= THRESHOLDS.prior_looks:
             self.drop(axis, f"dropped at {time:.1f} s: {why}")
 
     def adopt(self, model: AerodynamicModel) -> None:

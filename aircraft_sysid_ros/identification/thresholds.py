@@ -209,8 +209,8 @@ class Thresholds:
     worse_since: float = threshold(10.0, "That time ago [s]. A judgement.")
     new_motion: float = threshold(
         2.0,
-        "Mean square of a term over that of what an axis has learnt from, beyond which it moves as it never did: what",
-        "hardly moved has a parameter that noise made, and an error is none of the flight. A judgement.",
+        "Mean square of a term over that of what an axis has learnt from, beyond which it moves as it never did. What",
+        "hardly moved has a parameter that noise made, and the first motion says so. A judgement.",
     )
 
     # -- an axis that has changed, and is learnt anew
@@ -420,11 +420,13 @@ class Thresholds:
         "It stands where it has been too slow to fly, and level, for so long [s]: at the top of a climb that ends in a",
         "stall it is so for less.",
     )
-    landed: float = threshold(5.0, "It has landed where it has been so for so long [s]: a stall is shorter, and sinks.")
+    landed: float = threshold(
+        5.0, "It has landed where it has stood for so long [s], as in the diagnosis: a stall is shorter, and sinks."
+    )
     rolling: float = threshold(
         20.0,
-        "What is published then is from so long [s] before: a jet that touches down at twice the least airspeed and",
-        "slows down by 0.2 g needs as long. A judgement.",
+        "What is published then is from so long [s] before, as in the diagnosis: a jet that touches down at twice the",
+        "least airspeed and slows down by 0.2 g needs as long. A judgement.",
     )
     flown: float = threshold(
         30.0,

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from aircraft_sysid_ros.aircraft.fleet_prior import FleetPrior
-from aircraft_sysid_ros.identification.health import FAULTS, LOOKS, HealthWatch, patterns
+from aircraft_sysid_ros.identification.health import FAULTS, HealthWatch, patterns
+from aircraft_sysid_ros.identification.thresholds import THRESHOLDS
 
 SHARE = 0.05  # standard deviation of what earlier flights expect, of the value
 
@@ -49,15 +50,15 @@ CASES = [
 def test_a_fault_is_found_with_its_size(kind, size, watch, aircraft):
     value = faulty(aircraft, kind, size)
     std, used = 0.01 * np.abs(value) + 1e-4, np.ones(len(value), dtype=bool)
-    for look in range(LOOKS + 2):
+    for look in range(THRESHOLDS.health_looks + 2):
         watch.look(value, std, used, 30.0 + look)
-        assert (watch.now is not None) == (look >= LOOKS - 1)
+        assert (watch.now is not None) == (look >= THRESHOLDS.health_looks - 1)
     assert watch.now.kinds[0] == kind and watch.now.since == 30.0
     assert watch.now.size == pytest.approx(size, abs=0.25 * abs(size))  # patterns are of first order
     (sentence,) = watch.notes()
     assert sentence.startswith("from 30 s: ") and "compared with 9 flights of N1" in sentence
     assert [found["kinds"][0] for found in watch.json] == [kind] and watch.json[0]["now"]
-    for look in range(LOOKS):
+    for look in range(THRESHOLDS.health_looks):
         watch.look(faulty(aircraft, "", 0.0), std, used, 40.0 + look)
     assert watch.now is None and not watch.json[0]["now"]
 
@@ -75,14 +76,14 @@ def test_noise_is_no_fault(watch, aircraft):
 
 def test_what_is_not_to_use_says_nothing(watch, aircraft):
     value = faulty(aircraft, "elevator_power", -0.5)
-    for look in range(LOOKS + 1):
+    for look in range(THRESHOLDS.health_looks + 1):
         watch.look(value, 0.01 * np.abs(value) + 1e-4, np.zeros(len(value), dtype=bool), float(look))
     assert watch.now is None and watch.json == []
 
 
 def test_without_earlier_flights_there_is_no_watch(aircraft):
     alone = HealthWatch(aircraft.model, None, 0.2)
-    for look in range(LOOKS + 1):
+    for look in range(THRESHOLDS.health_looks + 1):
         value = faulty(aircraft, "mass", 0.3)
         alone.look(value, 0.01 * np.abs(value), np.ones(len(value), dtype=bool), float(look))
     assert alone.notes() == [] and set(FAULTS) == set(patterns(["CZ_alpha", "Cm_alpha"], {}, 0.2))

@@ -11,13 +11,13 @@ from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.aircraft.signals import SIGNALS
 from aircraft_sysid_ros.identification.coefficients.layout import WEIGHT_COLUMNS, CoefficientSample
 from aircraft_sysid_ros.identification.history import SampleHistory
-from aircraft_sysid_ros.identification.monitoring.error_watch import LAG
 from aircraft_sysid_ros.identification.monitoring.hold import Hold, Release
 from aircraft_sysid_ros.identification.monitoring.hold_end import Signs
 from aircraft_sysid_ros.identification.monitoring.integrity import IntegrityMonitor
 from aircraft_sysid_ros.identification.monitoring.isolation import explanations, noisy_records, wrong_gyros
-from aircraft_sysid_ros.identification.monitoring.known_before import BETTER, SHARE, KnownBefore, cause
+from aircraft_sysid_ros.identification.monitoring.known_before import KnownBefore, cause
 from aircraft_sysid_ros.identification.monitoring.residuals import GUARD, WINDOW
+from aircraft_sysid_ros.identification.thresholds import THRESHOLDS
 from aircraft_sysid_ros.identification.trust import Trust
 from aircraft_sysid_ros.reconstruction.state import SUSPECTED
 
@@ -150,7 +150,7 @@ def test_a_value_that_differs_surely_is_a_change_and_one_that_may_not_is_none(ai
     assert not known.changes(known_as(aircraft, truth))
     assert [c.name for c in known.changes(known_as(aircraft, half))] == ["Cm_de"]
     assert not known.changes(known_as(aircraft, half, 0.5))
-    assert not known.changes(known_as(aircraft, with_(aircraft, truth, Cm_de=1.0 - 0.9 * SHARE)))
+    assert not known.changes(known_as(aircraft, with_(aircraft, truth, Cm_de=1.0 - 0.9 * THRESHOLDS.contradicts_share)))
     assert not known.changes(known_as(aircraft, with_(aircraft, truth, Cm_0=5.0)))
 
 
@@ -160,7 +160,7 @@ def test_what_creeps_is_not_followed_and_what_is_known_better_is(aircraft, truth
         for axis in range(6):
             known.note(axis, known_as(aircraft, with_(aircraft, truth, Cn_beta=factor)))
     assert [c.name for c in known.changes(known_as(aircraft, with_(aircraft, truth, Cn_beta=0.7)))] == ["Cn_beta"]
-    better = known_as(aircraft, with_(aircraft, truth, Cn_beta=0.7), 0.9 * BETTER * 0.01)
+    better = known_as(aircraft, with_(aircraft, truth, Cn_beta=0.7), 0.9 * THRESHOLDS.known_better * 0.01)
     assert not known.changes(better) and known.changes(better, strict=True)
     known.note(5, better)
     assert not known.changes(better, strict=True)
@@ -169,7 +169,7 @@ def test_what_creeps_is_not_followed_and_what_is_known_better_is(aircraft, truth
 def test_what_is_known_far_better_is_a_change_after_something_was_wrong(aircraft, truth):
     """A record that is another one after a hold gives values that are soon known better than those before."""
     known, half = noted(aircraft, truth), with_(aircraft, truth, Cm_de=0.5)
-    sure = known_as(aircraft, half, 0.1 * BETTER * 0.01)
+    sure = known_as(aircraft, half, 0.1 * THRESHOLDS.known_better * 0.01)
     assert not known.changes(sure) and [c.name for c in known.changes(sure, strict=True)] == ["Cm_de"]
 
 
@@ -199,7 +199,9 @@ def test_an_axis_that_changes_when_nothing_of_it_was_to_be_used_is_not_held_and_
     """Its errors were those of cruise, in which it had hardly moved; the first motion would always be worse."""
     integrity = monitor_of(aircraft, truth, status)
     assert np.isfinite(integrity.errors.monitor.usual(4)[0])
-    integrity.note_change(4, 5.0 + LAG, is_news=not integrity.was_known(4, 5.0 + LAG))
+    integrity.note_change(
+        4, 5.0 + THRESHOLDS.worse_since, is_news=not integrity.was_known(4, 5.0 + THRESHOLDS.worse_since)
+    )
     assert (integrity.holds[4] is not None) == held == np.isfinite(integrity.errors.monitor.usual(4)[0])
 
 

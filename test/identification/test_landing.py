@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from aircraft_sysid_ros.aircraft.frames import quaternion_from_euler
-from aircraft_sysid_ros.identification.landing import FLOWN, ROLLING, SLOW, Known, Landing
+from aircraft_sysid_ros.identification.landing import Known, Landing
+from aircraft_sysid_ros.identification.thresholds import THRESHOLDS
 from aircraft_sysid_ros.identification.trust import Trust
 from aircraft_sysid_ros.pipeline import Pipeline
 from aircraft_sysid_ros.reconstruction.state import StateField
@@ -42,14 +43,18 @@ def flown(*parts):
 def test_what_was_known_before_the_run_is_published_until_it_flies_again():
     parts = rows(0, 100, 20.0), rows(100, 130, 2.0)
     found, landing = flown(*parts)
-    assert found == [(pytest.approx(100.0 + SLOW), pytest.approx(100.0 - ROLLING, abs=1.0))]
+    assert found == [(pytest.approx(100.0 + THRESHOLDS.landed), pytest.approx(100.0 - THRESHOLDS.rolling, abs=1.0))]
     assert landing.words(10.0).startswith("on the ground since 90.0 s")
     landing.add(rows(130, 131, 20.0))
     assert landing.words(10.0) == ""
 
 
 @pytest.mark.parametrize(
-    ("fast", "of"), [(FLOWN - 5.0, 100.0 - ROLLING), (FLOWN + 45.0, 120.0 + FLOWN + 45.0 - ROLLING)]
+    ("fast", "of"),
+    [
+        (THRESHOLDS.flown - 5.0, 100.0 - THRESHOLDS.rolling),
+        (THRESHOLDS.flown + 45.0, 120.0 + THRESHOLDS.flown + 45.0 - THRESHOLDS.rolling),
+    ],
 )
 def test_a_gust_on_the_ground_is_no_flight(fast, of):
     """Wind alone is as fast as the least speed of a light aeroplane: what was known in the air is published again."""
@@ -57,14 +62,17 @@ def test_a_gust_on_the_ground_is_no_flight(fast, of):
     found, landing = flown(
         rows(0, 100, 20.0), rows(100, 120, 2.0), rows(120, end, 1.1 * LEAST), rows(end, end + 30, 2.0)
     )
-    assert [known for _, known in found] == [pytest.approx(100.0 - ROLLING, abs=1.0), pytest.approx(of, abs=1.0)]
+    assert [known for _, known in found] == [
+        pytest.approx(100.0 - THRESHOLDS.rolling, abs=1.0),
+        pytest.approx(of, abs=1.0),
+    ]
     assert landing.since == pytest.approx(end, abs=0.2)
 
 
 @pytest.mark.parametrize(
     "slow",
     [
-        rows(100, 100 + SLOW - 1, 2.0),
+        rows(100, 100 + THRESHOLDS.landed - 1, 2.0),
         rows(100, 130, 2.0, down=6.0),
         rows(100, 130, 1.2 * LEAST),
         rows(100, 130, 0.0, over_ground=20.0),
@@ -77,7 +85,7 @@ def test_what_is_no_landing(slow):
 
 
 def test_what_has_not_flown_has_not_landed():
-    assert flown(rows(0, FLOWN - 5.0, 20.0), rows(FLOWN - 5.0, 80.0, 0.0))[0] == []
+    assert flown(rows(0, THRESHOLDS.flown - 5.0, 20.0), rows(THRESHOLDS.flown - 5.0, 80.0, 0.0))[0] == []
 
 
 def on_wheels(samples, state):

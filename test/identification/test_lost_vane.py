@@ -3,7 +3,7 @@
 import pytest
 from aircraft_files import of_shape
 
-from aircraft_sysid_ros.identification.monitoring.known_before import SURELY
+from aircraft_sysid_ros.identification.thresholds import THRESHOLDS
 from aircraft_sysid_ros.identification.trust import Trust
 from aircraft_sysid_ros.pipeline import Pipeline
 from aircraft_sysid_ros.samples import Kind
@@ -43,7 +43,7 @@ def test_what_is_known_of_a_vane_that_nobody_described_is_enough_to_see_a_change
     surely = dict(zip(names, learning.integrity.known_before.is_known, strict=True))
     at = names.index("CZ_alpha")
     assert surely["CZ_alpha"]
-    assert kept.said[1, at] > SURELY * abs(kept.said[0, at])  # by what is published it is not
+    assert kept.said[1, at] > THRESHOLDS.known_surely * abs(kept.said[0, at])  # by what is published it is not
     assert (kept.within_flight[1] <= kept.said[1]).all()
 
 

@@ -12,7 +12,8 @@ from aircraft_sysid_ros.aircraft.configuration import aircraft_from_dict, with_p
 from aircraft_sysid_ros.aircraft.fleet_prior import FleetPrior, read_prior
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.identification.identifier import Identifier
-from aircraft_sysid_ros.identification.prior import LOOKS, AxisPrior, FleetKnowledge, contradiction, helped
+from aircraft_sysid_ros.identification.prior import AxisPrior, FleetKnowledge, contradiction, helped
+from aircraft_sysid_ros.identification.thresholds import THRESHOLDS
 from aircraft_sysid_ros.identification.trust import Trust
 from aircraft_sysid_ros.reconstruction.state_estimator import StateEstimator
 
@@ -82,7 +83,12 @@ def test_only_what_is_to_use_can_contradict():
 def test_a_prior_is_dropped_for_good(aircraft):
     knowledge = FleetKnowledge(aircraft.model, FleetPrior("flights", {"Cm_de": (-0.8, 0.04)}))
     value, std = np.full(4, -0.4), np.full(4, 0.01)
-    for found, dropped in ((LOOKS - 1, False), (0, False), (LOOKS - 1, False), (1, True)):
+    for found, dropped in (
+        (THRESHOLDS.prior_looks - 1, False),
+        (0, False),
+        (THRESHOLDS.prior_looks - 1, False),
+        (1, True),
+    ):
         for _ in range(found):
             knowledge.look(4, value, std, np.full(4, True), 12.0)
         if not found:

@@ -28,8 +28,8 @@ from aircraft_sysid_ros.identification.coefficients.as_loaded import as_loaded
 from aircraft_sysid_ros.identification.coefficients.layout import CoefficientSample
 from aircraft_sysid_ros.identification.coefficients.pace import interval_of, sparse_interval
 from aircraft_sysid_ros.identification.coefficients.stream import coefficient_samples
-from aircraft_sysid_ros.identification.monitoring.sensor_faults import LONGEST_GAP
 from aircraft_sysid_ros.identification.options import ParameterOptions
+from aircraft_sysid_ros.identification.thresholds import THRESHOLDS as OF_IDENTIFICATION
 from aircraft_sysid_ros.processes import in_parallel
 from aircraft_sysid_ros.reconstruction.absences import has_airspeed, options_after_flight
 from aircraft_sysid_ros.reconstruction.filter_setup import sensor_delays
@@ -361,7 +361,7 @@ def settled_flight(made: Reconstruction) -> FlightData:
 def given_up(rows: Array) -> list[tuple[float, float]]:
     """Times [s], from and to, that end where the filter rejected its GPS until it started over: its state was wrong."""
     time, stretches = rows[:, StateField.TIME], []
-    for last in np.flatnonzero(np.diff(time) > LONGEST_GAP).tolist():
+    for last in np.flatnonzero(np.diff(time) > OF_IDENTIFICATION.longest_gap).tolist():
         lately = np.flatnonzero(time[: last + 1] > time[last] - _REJECTING)
         if np.ptp(rows[lately, StateField.REJECTED]) > _MOST_REJECTED:
             stretches.append((float(time[last] - THRESHOLDS.wrong_for), float(time[last])))
@@ -386,5 +386,5 @@ def repeated_rows(made: Reconstruction, longest: float) -> list[Array]:
 def flying(rows: Array, minimum_airspeed: float) -> Array:
     """The longest stretch of rows in flight without a gap, (n, StateField.WIDTH)."""
     good = (rows[:, StateField.AIRSPEED] > minimum_airspeed) & (rows[:, StateField.STATUS] > 0.0)
-    broken = np.diff(rows[:, StateField.TIME], prepend=rows[0, StateField.TIME]) > LONGEST_GAP
+    broken = np.diff(rows[:, StateField.TIME], prepend=rows[0, StateField.TIME]) > OF_IDENTIFICATION.longest_gap
     return rows[longest_stretch(good & ~broken)]

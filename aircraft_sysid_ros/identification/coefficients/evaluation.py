@@ -46,17 +46,15 @@ from aircraft_sysid_ros.identification.coefficients.layout import (
     CoefficientSample,
 )
 from aircraft_sysid_ros.identification.coefficients.signals import fill_signals, signal_noise
+from aircraft_sysid_ros.identification.thresholds import THRESHOLDS
 from aircraft_sysid_ros.kernels import njit
 from aircraft_sysid_ros.reconstruction.state import D_ACCELEROMETER_BIAS, StateField
 
 Array = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]
 
-#: Nothing is learnt while the innovations of the first step are this much larger than expected: a sensor lies.
-LARGEST_CONSISTENCY = 4.0
-#: Nor with biases that no working IMU has: it is mounted or scaled in another way than the recording says.
-LARGEST_ACCELEROMETER_BIAS = 2.0  # [m/s^2]
-LARGEST_GYRO_BIAS = 0.3  # [rad/s]
+_MOST_INCONSISTENT = THRESHOLDS.most_inconsistent
+_LARGEST_ACCELEROMETER_BIAS, _LARGEST_GYRO_BIAS = THRESHOLDS.largest_accelerometer_bias, THRESHOLDS.largest_gyro_bias
 
 _TIME, _AIRSPEED, _DENSITY = StateField.TIME, StateField.AIRSPEED, StateField.AIR_DENSITY
 _CONSISTENCY, _STATUS = StateField.CONSISTENCY, StateField.STATUS
@@ -72,12 +70,12 @@ ANGLE_SIGNALS = np.array([SIGNAL_INDEX["alpha"], SIGNAL_INDEX["beta"]])
 @njit(cache=True)
 def _may_learn(row: Array, body: Body) -> bool:
     """In flight, and the first step is not at odds with its sensors."""
-    if not (row[_AIRSPEED] >= body.minimum_airspeed and row[_STATUS] > 0.0 and row[_CONSISTENCY] < LARGEST_CONSISTENCY):
+    if not (row[_AIRSPEED] >= body.minimum_airspeed and row[_STATUS] > 0.0 and row[_CONSISTENCY] < _MOST_INCONSISTENT):
         return False
     for i in range(3):
-        if abs(row[_ACCELEROMETER_BIAS + i]) > LARGEST_ACCELEROMETER_BIAS:
+        if abs(row[_ACCELEROMETER_BIAS + i]) > _LARGEST_ACCELEROMETER_BIAS:
             return False
-        if abs(row[_GYRO_BIAS + i]) > LARGEST_GYRO_BIAS:
+        if abs(row[_GYRO_BIAS + i]) > _LARGEST_GYRO_BIAS:
             return False
     return True
 

@@ -9,15 +9,10 @@ import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
+from aircraft_sysid_ros.identification.thresholds import THRESHOLDS
 from aircraft_sysid_ros.reconstruction.state import StateField
 
 Array = npt.NDArray[np.float64]
-
-#: [m/s] of climb and descent on the ground at most.
-LEVEL = 1.0
-#: It stands where it has been too slow to fly, over ground and in the air, and level for so long [s]: at the top of a
-#: climb that ends in a stall it is so for less.
-STANDS = 2.0
 
 
 def altitudes(rows: Array) -> Array:
@@ -52,11 +47,11 @@ class Ground:
         time = rows[:, StateField.TIME]
         north, east, down = rows[:, StateField.VELOCITY].T
         slow = (rows[:, StateField.AIRSPEED] < self._slowest) & (np.hypot(north, east) < self._slowest)
-        slow &= np.abs(down) < LEVEL
+        slow &= np.abs(down) < THRESHOLDS.level
         fast = np.maximum.accumulate(np.where(slow, -1, np.arange(len(rows))))  # the newest that was
         since = np.where(fast < 0, min(self._slow_since, time[0]), time[np.minimum(fast + 1, len(rows) - 1)])
         self._slow_since = float(since[-1]) if slow[-1] else np.inf
-        return np.asarray(slow & (time - since >= STANDS))
+        return np.asarray(slow & (time - since >= THRESHOLDS.stands))
 
 
 def ground_of(aircraft: Aircraft, rows: Array) -> float:

@@ -9,8 +9,8 @@ import numpy.typing as npt
 
 from aircraft_sysid_ros.estimation.recursive_maximum_likelihood import Scores
 from aircraft_sysid_ros.flight_model.layout import OUTPUT_GROUPS, PROCESS_GROUPS
-from aircraft_sysid_ros.identification.coefficients.evaluation import LARGEST_ACCELEROMETER_BIAS, LARGEST_GYRO_BIAS
 from aircraft_sysid_ros.identification.physical_bounds import physical_bounds
+from aircraft_sysid_ros.identification.thresholds import THRESHOLDS
 
 Array = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]
@@ -95,9 +95,10 @@ def prior_of(names: tuple[str, ...]) -> Prior:
     bounds = np.where(np.isfinite(bounds), bounds, [-_UNKNOWN_RANGE, _UNKNOWN_RANGE])
     span = bounds[:, 1] - bounds[:, 0]
     blocks = [np.stack([bounds[:, 0] - 0.5 * span, bounds[:, 1] + 0.5 * span, 0.25 * span, 1e-5 * span, 0.1 * span])]
+    accelerometer, gyro = THRESHOLDS.largest_accelerometer_bias, THRESHOLDS.largest_gyro_bias
     for count, column in (
-        (3, (-LARGEST_ACCELEROMETER_BIAS, LARGEST_ACCELEROMETER_BIAS, 1.0, 1e-5, 0.1)),
-        (3, (-LARGEST_GYRO_BIAS, LARGEST_GYRO_BIAS, 0.1, 1e-6, 0.01)),
+        (3, (-accelerometer, accelerometer, 1.0, 1e-5, 0.1)),
+        (3, (-gyro, gyro, 0.1, 1e-6, 0.01)),
         (len(PROCESS_GROUPS), (np.log(0.001), np.log(10.0), 1.0, 1e-4, 0.2)),
         (len(OUTPUT_GROUPS), (np.log(0.2), np.log(10.0), 0.3, 1e-4, 0.2)),
     ):

@@ -7,13 +7,13 @@ import numpy.typing as npt
 
 from aircraft_sysid_ros.identification.coefficients.layout import LEARNT, MEASURED, PREDICTED, CoefficientSample
 from aircraft_sysid_ros.identification.monitoring.residuals import WINDOW, thinness
+from aircraft_sysid_ros.identification.thresholds import THRESHOLDS
 from aircraft_sysid_ros.kernels import njit
 
 Array = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
 
-#: Rms error over the usual and over the largest block of it: alarm, first sign, normal again, and a slight unease.
-ALARM, SIGN, NORMAL, _SLIGHT = (3.0, 2.0), (2.0, 1.3), (2.0, 1.3), (1.5, 1.0)
+_ALARM, _SIGN, _SLIGHT = THRESHOLDS.alarm, THRESHOLDS.first_sign, THRESHOLDS.slight
 _TIME = CoefficientSample.TIME
 
 
@@ -28,8 +28,9 @@ def error_levels(samples: Array, since: Array, one_summary: npt.NDArray[np.void]
     """Mean square error of the newest WINDOW samples of motion of each axis, and what it says.
 
     samples (n, …) ascending; ``since`` (6,) [s] from when they count; ``levels`` (6,) NaN where there are too few;
-    ``flags`` (6, 3): above SIGN, above ALARM, above the slight unease at which older parameters are compared. Where the
-    aeroplane is slower than it was, what is usual grows as 1/qbar. ``one_summary`` holds a ``residuals.Summary``.
+    ``flags`` (6, 3): above the first sign, above the alarm, above the slight unease at which older parameters are
+    compared. Where the aeroplane is slower than it was, what is usual grows as 1/qbar. ``one_summary`` holds a
+    ``residuals.Summary``.
     """
     summary = one_summary[0]
     for axis in range(6):
@@ -46,6 +47,6 @@ def error_levels(samples: Array, since: Array, one_summary: npt.NDArray[np.void]
         common = summary.common[0]
         if thin > WINDOW * summary.usual[axis, 2] > 0.0:
             common *= thin / WINDOW / summary.usual[axis, 2]
-        flags[axis, 0] = _exceeds(levels[axis], usual, largest, common, SIGN)
-        flags[axis, 1] = _exceeds(levels[axis], usual, largest, common, ALARM)
+        flags[axis, 0] = _exceeds(levels[axis], usual, largest, common, _SIGN)
+        flags[axis, 1] = _exceeds(levels[axis], usual, largest, common, _ALARM)
         flags[axis, 2] = _exceeds(levels[axis], usual, largest, common, _SLIGHT)

@@ -2,7 +2,8 @@
 
 The mean square error of the newest WINDOW samples of motion of each axis, each predicted before it is learnt from, is
 compared with what is usual (``residuals``, ``error_levels``). An alarm is none where the error is that of parameters
-which were not known (``news``); a slight one is one where what was known LAG seconds ago predicts far better.
+which were not known (``news``); a slight one is one where what was known ``worse_since`` (``thresholds``) seconds ago
+predicts far better.
 """
 
 from __future__ import annotations
@@ -25,18 +26,6 @@ from aircraft_sysid_ros.identification.trust import Trust
 Array = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
 
-#: Looks in a row that make an alarm.
-LOOKS = 2
-#: Learning made it worse: mean square error over that of what was known LAG [s] ago.
-WORSE, LAG = 2.0, 10.0
-#: Samples of motion that say which of two sets of parameters is right.
-EVIDENCE = 50
-#: So many are enough for newest that are WORSE times better than the good, but not as good as was usual.
-LONG = 250
-#: Twice the log likelihood of one set of parameters over another that decides.
-DECIDES = 30.0
-#: One thing is asked for that explains the errors if their mean square is so many times the usual.
-LEAST_ERROR = 3.0
 _TIME = CoefficientSample.TIME
 
 
@@ -108,7 +97,7 @@ class ErrorWatch:
                 slight[axis] and not held[axis] and self._is_worse(axis, now)
             )
             self._raised[axis] = self._raised[axis] + 1 if high else 0
-        return np.flatnonzero(asked & (self._raised >= LOOKS)).tolist()
+        return np.flatnonzero(asked & (self._raised >= THRESHOLDS.alarm_looks)).tolist()
 
     def _is_news(self, axis: int, begin: float) -> bool:
         """Whether an error since ``begin`` [s] is that of what the axis did not know before."""
@@ -134,13 +123,16 @@ class ErrorWatch:
 
     def _is_worse(self, axis: int, now: float) -> bool:
         """Whether what was known some time ago predicts far better."""
-        past = self._checkpoints.before(now - LAG, axis)
-        if past is None or not self.has_known(axis, now - LAG):
+        past = self._checkpoints.before(now - THRESHOLDS.worse_since, axis)
+        if past is None or not self.has_known(axis, now - THRESHOLDS.worse_since):
             return False
-        times, squares = self.of(axis, self._released[axis], EVIDENCE)
-        old = self.of(axis, self._released[axis], EVIDENCE, past.theta)[1]
-        surely = DECIDES * self._overlap * self.monitor.usual(axis)[0]  # windows overlap: so many are worth one
-        return len(times) == EVIDENCE and squares.mean() > WORSE * old.mean() and float(np.sum(squares - old)) > surely
+        most = THRESHOLDS.evidence
+        times, squares = self.of(axis, self._released[axis], most)
+        old = self.of(axis, self._released[axis], most, past.theta)[1]
+        if len(times) < most or not squares.mean() > THRESHOLDS.worse * old.mean():
+            return False
+        bar = THRESHOLDS.decides * self._overlap  # windows overlap: so many are worth one
+        return float(np.sum(squares - old)) > bar * self.monitor.usual(axis)[0]
 
     # -- what the errors are ----------------------------------------------------------------------------------------
 
@@ -163,9 +155,9 @@ class ErrorWatch:
 
     def is_far_better(self, axis: int, since: float, good: ParameterCheckpoint) -> bool:
         """Whether the newest predict clearly better than the good for long, though worse than was usual."""
-        newest = self.of(axis, since, LONG)[1]
-        old = self.of(axis, since, LONG, good.theta)[1]
-        return len(newest) == LONG and float(old.mean()) > WORSE * float(newest.mean())
+        most = THRESHOLDS.long_evidence
+        newest, old = self.of(axis, since, most)[1], self.of(axis, since, most, good.theta)[1]
+        return len(newest) == most and float(old.mean()) > THRESHOLDS.worse * float(newest.mean())
 
     def are_alike(self, axis: int, samples: int, good: ParameterCheckpoint) -> bool:
         """Whether so many samples of motion as before the good parameters would not tell them from the newest."""
@@ -175,7 +167,7 @@ class ErrorWatch:
         apart, sums = newest.theta[part] - good.theta[part], good.least_squares.sums[axis, 0]
         n = len(apart)
         square = float(apart @ sums[:n, :n] @ apart) / max(float(sums[n + 1, n + 1]), 1e-300)
-        return not samples * square > DECIDES * self.monitor.usual(axis)[0]
+        return not samples * square > THRESHOLDS.decides * self.monitor.usual(axis)[0]
 
     def over_usual(self) -> Array:
         """Rms error of the newest second of motion of each axis over the usual (6,)."""
@@ -193,4 +185,4 @@ class ErrorWatch:
         found = explanations(
             self._model, samples, known, self._known_before.is_known, self._usual(), self._chord_over_span
         )
-        return found[0] if found and found[0].before > LEAST_ERROR else None
+        return found[0] if found and found[0].before > THRESHOLDS.least_error else None

@@ -35,27 +35,22 @@ from aircraft_sysid_ros.identification.coefficients.layout import CoefficientSam
 from aircraft_sysid_ros.identification.history import Carry, Checkpoints, ParameterCheckpoint, SampleHistory
 from aircraft_sysid_ros.identification.monitoring.coefficient_noise import CoefficientNoise
 from aircraft_sysid_ros.identification.monitoring.doubts import OF_LIFT, Doubts
-from aircraft_sysid_ros.identification.monitoring.error_watch import LAG, ErrorWatch
+from aircraft_sysid_ros.identification.monitoring.error_watch import ErrorWatch
 from aircraft_sysid_ros.identification.monitoring.hold import Hold, Release, Restore, with_holds
-from aircraft_sysid_ros.identification.monitoring.hold_end import CLEAR, SURE, HoldEnd, Signs
+from aircraft_sysid_ros.identification.monitoring.hold_end import HoldEnd, Signs
 from aircraft_sysid_ros.identification.monitoring.isolation import noisy_records, wrong_gyros
-from aircraft_sysid_ros.identification.monitoring.known_before import SHARE, KnownBefore, cause
+from aircraft_sysid_ros.identification.monitoring.known_before import KnownBefore, cause
 from aircraft_sysid_ros.identification.monitoring.sensor_faults import CAUSES, LOST, SensorFaultDetector, Sign
 from aircraft_sysid_ros.identification.parameter_set import ParameterSet
+from aircraft_sysid_ros.identification.thresholds import THRESHOLDS
 from aircraft_sysid_ros.identification.trust import Trust
 from aircraft_sysid_ros.reconstruction.state_row import SENSOR_TIMEOUT
 
 Array = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
 
-#: Time [s] for which axes that a sensor spoiled wait for each other, from when sensors are sound.
-PATIENCE = 30.0
-#: A sensor has been wrong for so long [s] before the first step says so.
-BEFORE = 4.0
 #: Time [s] between looks at what is known, where values alone show no change.
 NOTED = 5.0
-#: One thing is asked for that explains the errors of so many seconds.
-EXPLAINED = 4.0
 
 
 def _more_precise(sign: Sign, found: list[Sign]) -> Sign:
@@ -160,7 +155,7 @@ class IntegrityMonitor:
 
     def was_known(self, axis: int, now: float) -> bool:
         """Whether anything of an axis was to be used, or was surely known, some time before ``now`` [s]."""
-        return self.errors.has_known(axis, now - LAG)
+        return self.errors.has_known(axis, now - THRESHOLDS.worse_since)
 
     def note_change(self, axis: int, now: float, is_news: bool) -> None:
         """An axis is being learnt anew since ``now`` [s], for a change of the aeroplane, or for ``is_news``: nothing of
@@ -205,7 +200,7 @@ class IntegrityMonitor:
     def _distrust(self, now: float, found: list[Sign], sure: bool) -> None:
         """Hold all axes: sensors are at odds; ``sure``: the last of the signs says which one."""
         signs = self._signs
-        if now - signs.last > CLEAR:
+        if now - signs.last > THRESHOLDS.clear:
             signs.newest, signs.first = found[0], now
         if sure:
             signs.newest = found[-1]
@@ -213,7 +208,7 @@ class IntegrityMonitor:
         signs.last = now
         for axis in range(len(AXES)):
             uneasy = self.errors.uneasy_since(axis)
-            since = now - BEFORE if np.isnan(uneasy) else min(uneasy, now - BEFORE)
+            since = now - THRESHOLDS.before_sign if np.isnan(uneasy) else min(uneasy, now - THRESHOLDS.before_sign)
             self._hold(axis, now, since, signs.newest)
             hold = self.holds[axis]
             if hold is not None and (not hold.sensor or sure or hold.words == before.words):
@@ -233,7 +228,7 @@ class IntegrityMonitor:
             if hold.leader is None
         }
         ends |= {axis: ends.get(hold.leader, Release.BACK) for axis, hold in held.items() if hold.leader is not None}
-        patient = now - self._signs.last < CLEAR + PATIENCE or self.joint
+        patient = now - self._signs.last < THRESHOLDS.clear + THRESHOLDS.patience or self.joint
         waits = patient and any(hold.sensor and not hold.stuck and not ends[axis] for axis, hold in held.items())
         restores = []
         for axis, hold in held.items():
@@ -308,16 +303,16 @@ class IntegrityMonitor:
     def _doubt_together(self, kept: ParameterCheckpoint) -> None:
         """Hold axes whose newest values came with those of one that contradicts what was known, by a record for both.
 
-        When all say for SURE seconds what was known, or an aeroplane that is believed, they are as before. Those that
-        are held beside another do not hold others in their turn: two would keep each other held.
+        When all say for long (``sure`` of the thresholds) what was known, or an aeroplane that is believed, they are as
+        before. Those that are held beside another do not hold others in their turn: two would keep each other held.
         """
         held = self._held()
         doubted = [hold for hold in self.holds if hold is not None and hold.contradicts and not hold.is_beside]
         for axis, good in [*self._before.items()]:
             released = self.errors.released(axis)
-            if held[axis] or (not doubted and kept.time - released > SURE):
+            if held[axis] or (not doubted and kept.time - released > THRESHOLDS.sure):
                 del self._before[axis]
-            elif doubted and released > doubted[0].since - SURE:
+            elif doubted and released > doubted[0].since - THRESHOLDS.sure:
                 hold = Hold(kept.time, kept.time, doubted[0].words, good, sensor=True, high=True, contradicts=True)
                 self.holds[axis] = replace(hold, is_beside=True)
                 self.count += 1
@@ -328,7 +323,7 @@ class IntegrityMonitor:
         asked = [hold for hold in self.holds if hold is not None and hold.high and not hold.stuck]
         if not asked:
             return
-        best = self.errors.explanation(now - EXPLAINED)
+        best = self.errors.explanation(now - THRESHOLDS.explained_time)
         since = min(hold.since for hold in asked)
         if gyros := wrong_gyros(self._signs.newest.suspect, self.errors.over_usual()):
             for hold in asked:
@@ -383,7 +378,7 @@ class Gates(NamedTuple):
         parameters = self.doubts.gated(found.parameters)
         for i, (words, before) in self.was.items():
             p = parameters[i]
-            if p.status == Trust.USE and abs(p.value - before) > SHARE * abs(before):
+            if p.status == Trust.USE and abs(p.value - before) > THRESHOLDS.contradicts_share * abs(before):
                 parameters[i] = replace(p, reason=words)
         found = replace(found, parameters=tuple(parameters))
         return with_holds(found, self.holds, self.model, changed, start)

@@ -23,26 +23,15 @@ import numpy.typing as npt
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, AerodynamicModel
 from aircraft_sysid_ros.aircraft.signals import SIGNAL_INDEX, SURFACE_WORDS
 from aircraft_sysid_ros.identification.coefficients.layout import LEARNT, MEASURED, CoefficientSample
-from aircraft_sysid_ros.identification.monitoring.error_levels import ALARM, SIGN
+from aircraft_sysid_ros.identification.thresholds import THRESHOLDS
 from aircraft_sysid_ros.reconstruction.state import SUSPECTED
 
 Array = npt.NDArray[np.float64]
 
-#: Median third difference [rad] of a record that is noise, over what it was, and over the first one: 1.2 to 1.6 of what
-#: a window has smoothed, 0.25 of a sine of 2 Hz; so many samples at least, of those of the newest so many seconds.
-_ROUGH, _ROUGHER, _WHITE, _ENOUGH, _LATELY = 0.0015, 5.0, 0.9, 25, 4.0
 #: Samples further apart [s] have no rate between them.
 _STEP = 0.1
 _FLOW = ("alpha", "beta")
 _TIME = CoefficientSample.TIME
-
-
-#: Explained surely: J is at most this share of what it is without. Wholly: J over the number of errors is at most so.
-SURELY, WHOLLY = 0.5, 4.0
-#: A scale or a delay [s] that matters: parameters are wrong by less.
-SCALE, LATE = 0.15, 0.02
-#: Chords by which a centre of gravity moves that is noticed, and at most.
-MOVED, FARTHEST = 0.02, 0.25
 #: By the name of a vane in SUSPECTED: the axis of the force that it makes, and those of the moments.
 _OF_VANES = {
     "angle of attack": (AXES.index("CZ"), [AXES.index("Cm")]),
@@ -68,15 +57,16 @@ class Explanation(NamedTuple):
     @property
     def is_sure(self) -> bool:
         """Whether it explains most, and is more than what parameters are known to."""
-        matters = LATE if self.what in _LATE else MOVED if self.what == _GRAVITY else SCALE
-        return self.left < SURELY and abs(self.size) > matters
+        of_time, of_chord = self.what in _LATE, self.what == _GRAVITY
+        matters = THRESHOLDS.late if of_time else THRESHOLDS.moved if of_chord else THRESHOLDS.scale
+        return self.left < THRESHOLDS.unexplained and abs(self.size) > matters
 
     @property
     def is_aeroplane(self) -> bool:
         """Whether it explains all, and a surface has lost effect or the centre of gravity has moved."""
         lost = self.what in SURFACE_WORDS and -1.0 <= self.size < 0.0
-        moved = self.what == _GRAVITY and abs(self.size) < FARTHEST
-        return self.is_sure and (lost or moved) and self.left * self.before < WHOLLY
+        moved = self.what == _GRAVITY and abs(self.size) < THRESHOLDS.farthest
+        return self.is_sure and (lost or moved) and self.left * self.before < THRESHOLDS.unexplained_of_aeroplane
 
     def touches(self, axis: int, label: str) -> bool:
         """Whether it changes a parameter of an axis, by its label such as "de"."""
@@ -159,7 +149,7 @@ def wrong_gyros(suspect: int, over_usual: Array) -> str:
     if SUSPECTED.get(suspect) not in _OF_VANES:
         return ""
     force, moments = _OF_VANES[SUSPECTED[suspect]]
-    if over_usual[force] < SIGN[0] and (over_usual[moments] > ALARM[0]).any():
+    if over_usual[force] < THRESHOLDS.first_sign[0] and (over_usual[moments] > THRESHOLDS.alarm[0]).any():
         return "the gyros are wrong: they contradict the vanes, and the forces agree with these"
     return ""
 
@@ -183,14 +173,15 @@ def _is_noisy(time: Array, record: Array, since: float) -> bool:
 
     By the median of its third differences: no motion that is steered has them, and a step has few.
     """
-    if len(record) < 2 * _ENOUGH:
+    if len(record) < 2 * THRESHOLDS.rough_samples:
         return False
     rough, middle = np.abs(np.diff(record, 3)), time[1:-2]
-    lately, before = middle > max(since, middle[-1] - _LATELY), middle < since
-    if min(lately.sum(), before.sum()) < _ENOUGH:
+    lately, before = middle > max(since, middle[-1] - THRESHOLDS.rough_time), middle < since
+    if min(lately.sum(), before.sum()) < THRESHOLDS.rough_samples:
         return False
     now, smooth = np.median(rough[lately]), np.median(np.abs(np.diff(record))[1:-1][lately])
-    return bool(now > max(_ROUGH, _ROUGHER * np.median(rough[before]), _WHITE * smooth))
+    was = np.median(rough[before])
+    return bool(now > max(THRESHOLDS.rough, THRESHOLDS.rougher * was, THRESHOLDS.rough_white * smooth))
 
 
 def _without_mean(values: Array) -> Array:

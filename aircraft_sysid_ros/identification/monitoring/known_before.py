@@ -22,25 +22,14 @@ from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, AerodynamicModel
 from aircraft_sysid_ros.aircraft.signals import SURFACE_WORDS
 from aircraft_sysid_ros.identification.history import ParameterCheckpoint
 from aircraft_sysid_ros.identification.monitoring.isolation import INPUTS, Explanation
+from aircraft_sysid_ros.identification.thresholds import THRESHOLDS
 from aircraft_sysid_ros.identification.trust import Trust
 from aircraft_sysid_ros.kernels import njit
 
 Array = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]
 
-#: A value contradicts one that was known where it differs by this share of that, and by so many standard errors.
-SHARE, SIGMA = 0.2, 4.0
-#: It matters where the difference moves the coefficient by this share of its spread.
-NEGLIGIBLE = 0.1
-#: Standard error over the value of what is surely known.
-SURELY = 0.05
-#: A value takes the place of one that is known worse: its standard error is at most this share of that. So what is
-#: known best changes a few times in a flight, and does not follow what creeps; nor is what is known better in doubt.
-BETTER = 0.7
-#: Learning goes back to what is as near as this share to what is known best.
-NEAR = 0.1
-#: Ratios of all that changed lie within this share of their mean where one scale explains them.
-ALIKE = 0.2
+_NEAR = THRESHOLDS.known_near
 
 
 class Change(NamedTuple):
@@ -92,11 +81,11 @@ class KnownBefore:
         """What is known of an axis that does not contradict what was."""
         part = self._model.axis_slice(AXES[axis])
         now, best = kept.within_flight[:, part], self._best[:, part]
-        sure = (now[1] < SURELY * np.abs(now[0])) & self._moving[part]
+        sure = (now[1] < THRESHOLDS.known_surely * np.abs(now[0])) & self._moving[part]
         sure &= np.array([p.status == Trust.USE for p in kept.found.parameters[part]], np.bool_)
-        better = sure & ~(now[1] >= BETTER * best[1])  # or nothing was known
+        better = sure & ~(now[1] >= THRESHOLDS.known_better * best[1])  # or nothing was known
         best[:, better] = now[:, better]
-        if not np.isnan(best[0]).all() and not (np.abs(now[0] - best[0]) > NEAR * np.abs(best[0])).any():
+        if not np.isnan(best[0]).all() and not (np.abs(now[0] - best[0]) > _NEAR * np.abs(best[0])).any():
             self._kept[axis] = kept
 
     def may_differ(self, kept: ParameterCheckpoint) -> npt.NDArray[np.bool_]:
@@ -115,8 +104,8 @@ class KnownBefore:
                 continue
             now, best = kept.within_flight[:, part], self._best[:, part]
             changed = _contradicts(now, best) & ~_is_near(now, self._whole[:, part])
-            changed &= np.abs(now[0] - best[0]) * _effect(kept, axis) > NEGLIGIBLE
-            changed &= strict | (now[1] >= BETTER * best[1])
+            changed &= np.abs(now[0] - best[0]) * _effect(kept, axis) > THRESHOLDS.contradicts_effect
+            changed &= strict | (now[1] >= THRESHOLDS.known_better * best[1])
             for j in np.flatnonzero(changed) + part.start:
                 name, before = self._model.parameter_names[j], float(self._best[0, j])
                 found.append(Change(axis, name, before, float(now[0, j - part.start])))
@@ -144,7 +133,7 @@ class KnownBefore:
         names = self._model.parameter_names
         for change in changes:
             left, words = self._lost.get(change.label, (np.nan, ""))
-            if names.index(change.name) in self.changed or not abs(change.ratio - left) < ALIKE * abs(left):
+            if names.index(change.name) in self.changed or not abs(change.ratio - left) < THRESHOLDS.alike * abs(left):
                 return False
         self.accept(changes, kept, words)
         return True
@@ -172,7 +161,8 @@ def _effect(kept: ParameterCheckpoint, axis: int) -> Array:
 def _contradicts(now: Array, before: Array) -> npt.NDArray[np.bool_]:
     """Which values (2, n) with standard errors differ surely, and by a size that matters; none that is not known."""
     apart = np.abs(now[0] - before[0])
-    return np.asarray((apart > SHARE * np.abs(before[0])) & (apart > SIGMA * np.hypot(now[1], before[1])))
+    large = apart > THRESHOLDS.contradicts_share * np.abs(before[0])
+    return np.asarray(large & (apart > THRESHOLDS.contradicts_sigma * np.hypot(now[1], before[1])))
 
 
 @njit(cache=True)
@@ -182,12 +172,12 @@ def _differ(offsets: Integers, now: Array, best: Array, whole: Array) -> npt.NDA
     for axis in range(len(found)):
         for j in range(offsets[axis], offsets[axis + 1]):
             from_best, from_whole = abs(now[j] - best[j]), abs(now[j] - whole[j])
-            is_near = from_best <= NEAR * abs(best[j]) or from_whole <= NEAR * abs(whole[j])
+            is_near = from_best <= _NEAR * abs(best[j]) or from_whole <= _NEAR * abs(whole[j])
             found[axis] |= np.isfinite(best[j]) and not is_near
     return found
 
 
-def _is_near(now: Array, before: Array, share: float = SHARE) -> npt.NDArray[np.bool_]:
+def _is_near(now: Array, before: Array, share: float = THRESHOLDS.contradicts_share) -> npt.NDArray[np.bool_]:
     return np.asarray(np.abs(now[0] - before[0]) <= share * np.abs(before[0]))
 
 
@@ -207,6 +197,7 @@ def _candidates(changes: list[Change]) -> str:
     if labels <= set(SURFACE_WORDS):
         return "the records of the controls are wrong, or the aeroplane has changed"
     scale = float(np.mean(ratios))
-    if len(changes) > 2 and len({c.axis for c in changes}) > 1 and np.all(np.abs(ratios / scale - 1.0) < ALIKE):
+    several = len(changes) > 2 and len({c.axis for c in changes}) > 1
+    if several and np.all(np.abs(ratios / scale - 1.0) < THRESHOLDS.alike):
         return "airspeed or density is wrong, or the aeroplane has changed"
     return "a sensor is wrong, or the aeroplane has changed"

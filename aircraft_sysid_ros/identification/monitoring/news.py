@@ -1,8 +1,8 @@
 """Is a model error a contradiction, or what an axis did not know before?
 
 The variance of its predictions x' P x may explain the error, by the covariance from before it: as white noise has it,
-or as it was published, for residuals that are coloured, within SIGMA standard errors. Or other values of the parameters
-do that were not trusted, the error being theirs alone,
+or as it was published, for residuals that are coloured, within ``contradicts_sigma`` (``thresholds``) standard errors.
+Or other values of the parameters do that were not trusted, the error being theirs alone,
 
     e = sum over them of x_j d_j,    d by least squares over the window.
 
@@ -18,15 +18,11 @@ import numpy.typing as npt
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, AerodynamicModel
 from aircraft_sysid_ros.identification.coefficients.layout import MEASURED, PREDICTED, CoefficientSample
 from aircraft_sysid_ros.identification.history import ParameterCheckpoint
-from aircraft_sysid_ros.identification.monitoring.error_levels import ALARM
-from aircraft_sysid_ros.identification.monitoring.known_before import SIGMA
 from aircraft_sysid_ros.identification.monitoring.residuals import WINDOW
+from aircraft_sysid_ros.identification.thresholds import THRESHOLDS
 from aircraft_sysid_ros.identification.trust import Trust
 
 Array = npt.NDArray[np.float64]
-
-#: Mean square of a term over that of what an axis has learnt from, beyond which it moves as it never did.
-NEW = 2.0
 
 
 def is_news(
@@ -45,7 +41,8 @@ def is_news(
     n = part.stop - part.start
     x = samples[:, CoefficientSample.TERMS + part.start : CoefficientSample.TERMS + part.stop]
     said, counted = past.found.covariance[part, part], usual[0] * past.least_squares.p[axis, :n, :n]
-    published = (SIGMA / ALARM[0]) ** 2 * _variance(x, said) if np.isfinite(said).all() else 0.0
+    by_sigma = (THRESHOLDS.contradicts_sigma / THRESHOLDS.alarm[0]) ** 2
+    published = by_sigma * _variance(x, said) if np.isfinite(said).all() else 0.0
     explained = max(_variance(x, counted), published)
     if not _alarms(level, usual, explained):
         return True
@@ -55,7 +52,7 @@ def is_news(
         return False
     sums = past.least_squares.sums[axis, 0]
     learnt = np.diag(sums)[:n] / max(sums[n + 1, n + 1], 1e-300)
-    if ((x * x).mean(axis=0) > NEW * learnt)[doubted].any():
+    if ((x * x).mean(axis=0) > THRESHOLDS.new_motion * learnt)[doubted].any():
         return True
     error = (samples[:, MEASURED + axis] - samples[:, PREDICTED + axis])[-WINDOW:]
     free = x[-WINDOW:, doubted]
@@ -68,5 +65,5 @@ def _variance(x: Array, covariance: Array) -> float:
 
 
 def _alarms(level: float, usual: tuple[float, float], explained: float) -> bool:
-    mean, largest = usual
-    return level > ALARM[0] ** 2 * (mean + explained) and level > ALARM[1] ** 2 * (largest + explained)
+    limits = zip(THRESHOLDS.alarm, usual, strict=True)
+    return all(level > over**2 * (usually + explained) for over, usually in limits)

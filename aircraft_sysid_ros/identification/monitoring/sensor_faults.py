@@ -19,7 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
-from aircraft_sysid_ros.identification.coefficients.evaluation import LARGEST_ACCELEROMETER_BIAS, LARGEST_GYRO_BIAS
+from aircraft_sysid_ros.identification.thresholds import THRESHOLDS
 from aircraft_sysid_ros.kernels import njit
 from aircraft_sysid_ros.reconstruction.state import (
     CONTRADICTED,
@@ -34,21 +34,10 @@ from aircraft_sysid_ros.reconstruction.state import (
 Array = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]
 
-#: Mean normalised innovation squared that working sensors do not have at so many evaluations in a row: gusts that set
-#: in do at one or two.
-LARGEST_CONSISTENCY, EVALUATIONS = 1.8, 3
-#: The same over its median of a minute: what stands still is without noise, and too well predicted. Evaluated over
-#: QUIET_TIME [s]. Noise has other reasons to fall: it counts only after another sign.
-LEAST_CONSISTENCY, QUIET_TIME = 0.8, 2.0
-#: So many measurements fail the gate within GATE_TIME [s].
-MOST_REJECTED, GATE_TIME = 7.0, 2.0
-#: A leap of a bias: standard deviations of its movement over LEAP_TIME [s], and least size [m/s^2], [rad/s].
-LEAP, LEAP_TIME, LEAST_LEAP = 8.0, 3.0, (0.05, 0.005)
-#: States this far apart [s]: the first step had to start again.
-LONGEST_GAP = 0.5
-#: Wind that moves within a second by this many times what it did in the last minute, and by so much [m/s], follows a
-#: sensor rather than the air. Gusts do so too: it counts only beside a model error.
-AGITATION, LEAST_AGITATION = 4.0, 0.4
+_INCONSISTENT, _LOOKS = THRESHOLDS.inconsistent, THRESHOLDS.inconsistent_looks
+_MOST_REJECTED, _REJECTED_TIME = THRESHOLDS.most_rejected, THRESHOLDS.rejected_time
+_LEAP, _LEAP_TIME, _LONGEST_GAP = THRESHOLDS.leap, THRESHOLDS.leap_time, THRESHOLDS.longest_gap
+_AGITATION, _LEAST_AGITATION = THRESHOLDS.agitation, THRESHOLDS.least_agitation
 _WIND_TIME = 1.0
 _MEMORY, _LATELY = 60.0, 3.0  # [s] of wind and consistency; those of lately are no measure
 _SLACK = 0.05  # [s] by which evaluations may come early or late
@@ -114,7 +103,7 @@ class Limits(NamedTuple):
 class Memory(NamedTuple):
     """What was seen before; the oldest first."""
 
-    looked: Array  # (_LOOKED_SIZE, StateField.WIDTH) newest state of each evaluation of the last LEAP_TIME
+    looked: Array  # (_LOOKED_SIZE, StateField.WIDTH) newest state of each evaluation of the last ``leap_time``
     past: Array  # (_PAST_SIZE, 3) time [s], movement of the wind [m/s], consistency
     counts: Integers  # (2,) how many of each there are
     vanes: npt.NDArray[np.bool_]  # (2,) alpha, beta: have been measured
@@ -163,7 +152,7 @@ def _follow_wind(row: Array, memory: Memory) -> None:
         if past[i, _PAST_TIME] < now - _LATELY:
             square += past[i, _PAST_MOVED] ** 2
             number += 1
-    memory.agitated[0] = number > 0 and moved > max(AGITATION * np.sqrt(square / max(number, 1)), LEAST_AGITATION)
+    memory.agitated[0] = number > 0 and moved > max(_AGITATION * np.sqrt(square / max(number, 1)), _LEAST_AGITATION)
 
 
 @njit(cache=True)
@@ -191,13 +180,13 @@ def _lost(row: Array, memory: Memory) -> int:
 def _at_odds(row: Array, memory: Memory) -> int:
     """Innovations that are too large."""
     signs, count = 0, memory.counts[_LOOKED]
-    if count >= EVALUATIONS:
+    if count >= _LOOKS:
         least = np.inf
-        for i in range(count - EVALUATIONS, count):
+        for i in range(count - _LOOKS, count):
             least = min(least, memory.looked[i, _CONSISTENCY])
-        if least > LARGEST_CONSISTENCY:
+        if least > _INCONSISTENT:
             signs |= _CONTRADICTION
-    if row[_REJECTED] - memory.looked[_ago(GATE_TIME, memory), _REJECTED] > MOST_REJECTED:
+    if row[_REJECTED] - memory.looked[_ago(_REJECTED_TIME, memory), _REJECTED] > _MOST_REJECTED:
         signs |= _GATED
     return signs
 
@@ -205,12 +194,12 @@ def _at_odds(row: Array, memory: Memory) -> int:
 @njit(cache=True)
 def _leaps(row: Array, memory: Memory, limits: Limits) -> int:
     """Biases that move as no bias does, or are where none is."""
-    past = memory.looked[_ago(LEAP_TIME, memory)]
+    past = memory.looked[_ago(_LEAP_TIME, memory)]
     elapsed = max(row[_TIME] - past[_TIME], 0.0)  # a clock may go back
     for k in range(_BIAS_COUNT):
         variance = abs(past[_BIAS_STD + k] ** 2 - row[_BIAS_STD + k] ** 2) + limits.walk[k] * elapsed
         moved = abs(row[_BIASES + k] - past[_BIASES + k])
-        if moved > max(LEAP * np.sqrt(variance), limits.least_leap[k]) or abs(row[_BIASES + k]) > limits.largest[k]:
+        if moved > max(_LEAP * np.sqrt(variance), limits.least_leap[k]) or abs(row[_BIASES + k]) > limits.largest[k]:
             return _LEAPT
     return 0
 
@@ -224,13 +213,13 @@ def _evaluate(newest: Array, gap: float, memory: Memory, limits: Limits) -> int:
     looked[counts[_LOOKED]] = newest
     counts[_LOOKED] += 1
     first = 0
-    while looked[first, _TIME] < newest[_TIME] - LEAP_TIME - 2.0 * _SLACK:
+    while looked[first, _TIME] < newest[_TIME] - _LEAP_TIME - 2.0 * _SLACK:
         first += 1
-    if gap > LONGEST_GAP:
+    if gap > _LONGEST_GAP:
         first = counts[_LOOKED] - 1
     if first > 0:
         counts[_LOOKED] = _drop(looked, first, counts[_LOOKED])
-    if gap > LONGEST_GAP:
+    if gap > _LONGEST_GAP:
         return _RESTARTED
     _follow_wind(newest, memory)
     if not newest[_AIRSPEED] >= limits.minimum_airspeed:
@@ -256,8 +245,8 @@ class SensorFaultDetector:
         noise = aircraft.process_noise
         self._limits = Limits(
             walk=np.repeat([noise["accelerometer_bias"] ** 2, noise["gyro_bias"] ** 2], 3),
-            least_leap=np.repeat(LEAST_LEAP, 3),
-            largest=np.repeat([LARGEST_ACCELEROMETER_BIAS, LARGEST_GYRO_BIAS], 3),
+            least_leap=np.repeat(THRESHOLDS.least_leap, 3),
+            largest=np.repeat([THRESHOLDS.largest_accelerometer_bias, THRESHOLDS.largest_gyro_bias], 3),
             minimum_airspeed=float(aircraft.minimum_airspeed),
         )
         self.restart()
@@ -313,5 +302,5 @@ class SensorFaultDetector:
             return False
         now, consistency = past[-1, _PAST_TIME], past[:, _PAST_CONSISTENCY]
         usual = consistency[past[:, _PAST_TIME] < now - _LATELY]
-        lately = consistency[past[:, _PAST_TIME] > now - QUIET_TIME]
-        return bool(len(usual) and lately.max() < LEAST_CONSISTENCY * np.median(usual))
+        lately = consistency[past[:, _PAST_TIME] > now - THRESHOLDS.quiet_time]
+        return bool(len(usual) and lately.max() < THRESHOLDS.too_quiet * np.median(usual))
