@@ -7,9 +7,10 @@ import pytest
 
 import aircraft_sysid_ros
 from aircraft_sysid_ros.diagnosis import thresholds as diagnosis
+from aircraft_sysid_ros.identification import thresholds as identification
 from aircraft_sysid_ros.threshold import thresholds_of
 
-RECORDS = [diagnosis]
+RECORDS = [diagnosis, identification]
 FILES = sorted(Path(aircraft_sysid_ros.__file__).parent.rglob("*.py"))
 
 

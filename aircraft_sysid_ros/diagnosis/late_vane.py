@@ -22,13 +22,13 @@ from aircraft_sysid_ros.diagnosis.search.evaluator import CandidateEvaluator, Sc
 from aircraft_sysid_ros.diagnosis.search.fit import AxisFit
 from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS
 from aircraft_sysid_ros.errors import InputError
-from aircraft_sysid_ros.identification.undescribed.vanes import LAG
+from aircraft_sysid_ros.identification.thresholds import THRESHOLDS as OF_IDENTIFICATION
 
 Array = npt.NDArray[np.float64]
 
 #: By angle its sensor, and the axes that read it.
 _ANGLES = {"alpha": ("angle_of_attack", ("CX", "CZ", "Cm")), "beta": ("sideslip", ("CY", "Cl", "Cn"))}
-#: So many sigma of LAG a vane may be late, or early.
+#: So many sigma (``vane_lag`` of the identification) a vane may be late, or early.
 _MOST = 2.0
 
 
@@ -50,7 +50,7 @@ def delay_that_explains(bench: CandidateEvaluator, trial: Score, first: float) -
     try:
         own = fit.gain(late)
         delay = float(own.parameters[0])
-        if not abs(delay) <= _MOST * LAG or own.nrmse_after >= own.nrmse_before:
+        if not abs(delay) <= _MOST * OF_IDENTIFICATION.vane_lag or own.nrmse_after >= own.nrmse_before:
             return np.nan
         beside = fit.extended(late, [f"{axis}_late"]).gain(data.columns(data.parsed(trial.candidate.terms[axis])))
     except InputError:  # the angle moves nowhere where the coefficient is known

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, AerodynamicModel
+from aircraft_sysid_ros.identification.thresholds import THRESHOLDS
 from aircraft_sysid_ros.identification.undescribed.late_motion import Late
 from aircraft_sysid_ros.identification.undescribed.moved_surfaces import COUNT, FORMS, derivatives_of
 
@@ -20,10 +21,6 @@ Array = npt.NDArray[np.float64]
 TURNING, OF_VANES, BY_ALPHA, OF_FORMS = 4, 7, 11, 15
 #: Coordinates of what 1 m makes of each angle.
 _ACROSS = ([0, 1], [0, 2])
-#: Least sigma of a constant and of a derivative that was learnt in another flight, or its size.
-_CONSTANT, _DERIVATIVE = 0.02, 0.3
-#: So much of a derivative is taken away at most.
-_MOST = 0.75
 
 
 class OfSensors(NamedTuple):
@@ -53,7 +50,8 @@ class SensorDoubt(NamedTuple):
         shift, left, found = np.zeros(n), np.zeros((n, n)), np.zeros((n, n))
         all_rows = self.regressions[axis, :, :n]
         if self.is_new:
-            least = np.array([_CONSTANT if text == "1" else _DERIVATIVE for text in model.terms[AXES[axis]]])
+            of_constant, of_derivative = THRESHOLDS.other_constant, THRESHOLDS.other_derivative
+            least = np.array([of_constant if text == "1" else of_derivative for text in model.terms[AXES[axis]]])
             return OfSensors(shift, np.diag(np.maximum(np.abs(np.nan_to_num(theta)), least) ** 2), found)
         if not np.isfinite(all_rows).all():
             return OfSensors(shift, left, found)
@@ -101,7 +99,7 @@ class SensorDoubt(NamedTuple):
 
 def _freeing(forms: Array, derivatives: npt.NDArray[np.int64], ways: Sequence[Late]) -> tuple[Array, Array]:
     """What frees parameters of each way of being late, and what being late by a second more makes of those (w, n, n);
-    what is more than _MOST of a combination of them is not believed.
+    what is more than ``most_freed`` of a combination of them is not believed.
     """
     n = forms.shape[-1]
     turn, change = np.zeros((len(ways), n, n)), np.zeros((len(ways), n, n))
@@ -111,5 +109,5 @@ def _freeing(forms: Array, derivatives: npt.NDArray[np.int64], ways: Sequence[La
             turn[:, :, column] = form[0] - (shares[:, None] @ form[near])[:, 0]
             change[:, :, column] = -(slopes[:, None] @ form[near])[:, 0]
     largest = np.max(np.abs(np.linalg.eigvals(turn)), axis=1, initial=0.0)
-    believed = np.minimum(1.0, _MOST / np.maximum(largest, 1e-9))
+    believed = np.minimum(1.0, THRESHOLDS.most_freed / np.maximum(largest, 1e-9))
     return np.asarray(np.linalg.inv(np.eye(n) - turn * believed[:, None, None])), change

@@ -30,6 +30,7 @@ from aircraft_sysid_ros.identification.coefficients.layout import (
     TERMS_OF_SAMPLE,
 )
 from aircraft_sysid_ros.identification.coefficients.pace import LOWEST_RATE
+from aircraft_sysid_ros.identification.thresholds import THRESHOLDS
 from aircraft_sysid_ros.identification.undescribed.moved_surfaces import (
     COUNT,
     COURSES,
@@ -49,23 +50,11 @@ Columns = npt.NDArray[np.int64]
 #: Of the terms of an axis that two models have, in the one and in the other.
 Places = tuple[Columns, Columns]
 
-#: One sigma [s] of what is not known before: servos need 0.05 s, filters and loggers as much.
-USUAL = 0.04
 #: What is slower than this [s] is not asked; time constants [s] of what follows the surfaces; memory [s]; time [s]
 #: between looks, and more of it later: a share of what has passed since the first.
 _BAND, _FOLLOW, _MEMORY, _LOOK_STEP, _LOOK_SHARE = 3.0, (0.3, 1.0), 120.0, 1.0, 0.05
 #: Samples that gusts make as one: they last 0.4 s, and samples come every 0.04 s.
 _ALIKE = 20.0
-#: From so many standard errors and seconds on a delay is there; 5 ms are a turn of some degrees at the quickest mode.
-_SURE, _WORTH = 3.0, 0.005
-#: One sigma [s] of what happens between samples at LOWEST_RATE; it goes with the square of the interval. A judgement,
-#: on a flight at 10 Hz that showed 16 ms and had none.
-_SAMPLED = 0.012
-#: One sigma of what no time of a way says, as a share: of a dead time of 20 ms and a lag of 60 ms, in gusts, 74 or
-#: 75 ms were found in each of three flights.
-_WRONG = 0.06
-#: Least samples that are summed.
-_LEAST = 125.0
 _FIRST_MOMENT, _MOMENTS = 3, (3, 4, 5)
 #: Surfaces that move each of them, as numbers in SURFACES.
 _MOVE = ((1, 2), (0,), (1, 2))
@@ -101,7 +90,7 @@ class LateMotion:
         self._found = found
         self.moments, self._filter = np.zeros((len(_MOMENTS), 0, 0)), np.zeros((len(_MOMENTS), 3, 0))
         self._begun = np.full(len(_MOMENTS), np.nan)
-        self._unknown = (Late(DELAY, 1.0, 0.0, USUAL**2, DELAY.between(0.0)),)
+        self._unknown = (Late(DELAY, 1.0, 0.0, THRESHOLDS.motion_late**2, DELAY.between(0.0)),)
 
     def adopt(self, offsets: Columns, derivatives: Sequence[Columns], stays: Sequence[Places] | None = None) -> None:
         """Another model, with the places (3,) of the derivatives by SURFACES in each axis, -1: none.
@@ -161,7 +150,7 @@ class LateMotion:
     def is_found(self) -> bool:
         """Whether the flight shows that motion is late, in whatever way."""
         mean, variance = self.whole
-        return abs(mean) > max(_SURE * float(np.sqrt(variance)), _WORTH)
+        return abs(mean) > max(THRESHOLDS.late_surely * float(np.sqrt(variance)), THRESHOLDS.late_least)
 
     def warm_up(self) -> None:
         """Compile, or load from the cache, what is first needed once a moment has moved enough."""
@@ -195,7 +184,7 @@ class LateMotion:
         beyond = [(profile.whole(variances) - least) / apart for profile in each]
         weights = [profile.steps() * np.exp(-0.5 * more) for profile, more in zip(each, beyond, strict=True)]
         whole = float(sum(np.sum(weight) for weight in weights))
-        sampled = (_SAMPLED * (interval * LOWEST_RATE) ** 2) ** 2 + self._found**2
+        sampled = (THRESHOLDS.motion_between * (interval * LOWEST_RATE) ** 2) ** 2 + self._found**2
         self.ways = tuple(
             _way(course, profile.times, weight / whole, sampled)
             for course, profile, weight in zip(COURSES, each, weights, strict=True)
@@ -207,7 +196,7 @@ def _way(course: Course, times: Array, weights: Array, sampled: float) -> Late:
     probability = float(np.sum(weights))
     share = weights / max(probability, 1e-300)
     mean = float(share @ times)
-    wrong = (_WRONG * (course.dead_time + mean)) ** 2
+    wrong = (THRESHOLDS.motion_wrong * (course.dead_time + mean)) ** 2
     variance = float(share @ (times - mean) ** 2) + sampled + wrong
     return Late(course, probability, mean, variance, course.between(mean))
 
@@ -258,7 +247,7 @@ class _Profile(NamedTuple):
 
     def whole(self, variances: Array) -> Array:
         """Chi square (t,) of all moments, with what is known before."""
-        return np.asarray(self.times**2 / USUAL**2 + (1.0 / variances) @ self.left)
+        return np.asarray(self.times**2 / THRESHOLDS.motion_late**2 + (1.0 / variances) @ self.left)
 
     def beside(self, other: _Profile) -> _Profile:
         """Both, in order of time."""
@@ -294,7 +283,7 @@ def _asked(m: Array, count: float, derivatives: Columns, moment: int) -> _Asked 
         ],
         dtype=np.int64,
     )
-    too_few = count < max(_LEAST, _ALIKE * (len(terms) + 3)) or len(instruments) <= len(terms)
+    too_few = count < max(THRESHOLDS.motion_samples, _ALIKE * (len(terms) + 3)) or len(instruments) <= len(terms)
     if too_few or not (surfaces >= 0).any() or not moving[first]:
         return None
     scale = np.sqrt(np.diag(m)[instruments])

@@ -46,6 +46,7 @@ from aircraft_sysid_ros.identification.coefficients.layout import (
     Body,
     CoefficientBatch,
 )
+from aircraft_sysid_ros.identification.thresholds import THRESHOLDS
 from aircraft_sysid_ros.identification.undescribed.doubt import BY_ALPHA, OF_FORMS, OF_VANES, TURNING, SensorDoubt
 from aircraft_sysid_ros.identification.undescribed.late_motion import Late, LateMotion, Places
 from aircraft_sysid_ros.identification.undescribed.moved_surfaces import (
@@ -64,18 +65,7 @@ Array = npt.NDArray[np.float64]
 _SENSORS, _GROUP = ("angle_of_attack", "sideslip"), "air_data"
 #: Who describes one of these says how late the motion is recorded after the surfaces.
 _OF_MOTION = {"imu", "accelerometer", "gyro", "control_surfaces"}
-#: One sigma over the span of how far out on the wing a vane may be that nobody has placed, until the roll has shown it
-#: (``flight_check.laws.vane_place``): so many seconds from the first sample in flight on, and after so many times the
-#: roll that shows it. ``InFlightCheck`` has looked by then, and what it finds holds all that uses the vane.
-UNSEEN, LOOKED, ROLLED, _SIDEWAYS = 0.4, 30.0, 4.0, ("air_data_position", "y")
-#: One sigma [s] of when a command moves between its samples.
-_SAMPLED = 0.005
-#: From so many standard errors and seconds on a flight contradicts what the aircraft file says of late surfaces.
-_CONTRADICTED, _WORTH_A_WORD = 3.0, 0.015
-#: What was learnt in another flight is not to be used for so long [s], until this one has shown its sensors.
-_NEW = 15.0
-#: What those of before an axis was learnt anew count; nothing would leave the first seconds without any.
-_ANEW = 0.02
+_SIDEWAYS = ("air_data_position", "y")
 _P, _V, _QBAR = SIGNAL_INDEX["p"], SIGNAL_INDEX["V"], SIGNAL_INDEX["qbar"]
 
 
@@ -94,11 +84,12 @@ class UndescribedSensors:
         self._any = bool(self._asked.any() or aircraft.unsaid or self._frees)
         self._model: AerodynamicModel | None = None
         self._squares, self._products = np.zeros((len(AXES), 0, 0)), np.zeros((len(AXES), 0, 0))
-        self._out_on_wing = aircraft.span * UNSEEN if np.isnan(aircraft.unsaid.get(_SIDEWAYS, 0.0)) else 0.0
+        is_unplaced = np.isnan(aircraft.unsaid.get(_SIDEWAYS, 0.0))
+        self._out_on_wing = aircraft.span * THRESHOLDS.vane_aside if is_unplaced else 0.0
         self.adopt(aircraft.model)
         self._vanes = VaneMotion()
         self._flown, self._began, self._newest = 0.0, np.nan, np.nan
-        self._rolled, self._enough = 0.0, ROLLED * roll_that_shows(aircraft.span)  # [rad^2/s]
+        self._rolled, self._enough = 0.0, THRESHOLDS.vane_aside_rolls * roll_that_shows(aircraft.span)  # [rad^2/s]
         self._interval = 0.0  # [s] of states
         self._waits = 0.0  # [s] until what was learnt in another flight may be used
         self.restart_clock()
@@ -181,7 +172,7 @@ class UndescribedSensors:
         if not self._frees:
             return 0.0
         mean, variance = self._motion.whole
-        return float(np.sqrt(variance + (0.0 if self.are_late else mean**2) + _SAMPLED**2))
+        return float(np.sqrt(variance + (0.0 if self.are_late else mean**2) + THRESHOLDS.command_between**2))
 
     def predict(self, samples: Array, model: AerodynamicModel, theta: Array) -> None:
         """Predict the newest samples (n, …) anew, with surfaces where they are and what regressions (6, m) know, freed
@@ -203,8 +194,8 @@ class UndescribedSensors:
 
     def learn_anew(self, axis: int) -> None:
         """An axis is learnt anew, from samples that are still to come more than from those that came."""
-        self._squares[axis] *= _ANEW
-        self._products[axis] *= _ANEW
+        self._squares[axis] *= THRESHOLDS.anew
+        self._products[axis] *= THRESHOLDS.anew
 
     def look(self, time: float, interval: float) -> None:
         """Estimate anew how late the motion is, where it is time [s]; ``interval`` [s] of states, 0: dense."""
@@ -235,7 +226,7 @@ class UndescribedSensors:
                 mine[:] = sums[name]
         self._motion.look(self._interval)
         self._free()
-        self._waits = _NEW
+        self._waits = THRESHOLDS.other_flight
 
     def _free(self) -> None:
         """Work out anew what frees parameters of late surfaces."""
@@ -259,8 +250,8 @@ class UndescribedSensors:
             return None
         self._motion.look(self._interval)
         mean, variance = self._motion.whole
-        std = float(np.sqrt(variance + _SAMPLED**2))
-        return (mean, std) if abs(mean) > max(_CONTRADICTED * std, _WORTH_A_WORD) else None
+        std = float(np.sqrt(variance + THRESHOLDS.command_between**2))
+        return (mean, std) if abs(mean) > max(THRESHOLDS.file_wrong_surely * std, THRESHOLDS.file_wrong_least) else None
 
     @property
     def late_surfaces(self) -> dict[str, tuple[float, float]]:
@@ -298,7 +289,7 @@ class UndescribedSensors:
                 found[axis, :, :n] = np.linalg.solve(correlation, right).T / by
         late = self._motion.ways if self._frees else ()
         vane_place = self._vane_place.copy()
-        if self._flown + self._by_this_clock <= LOOKED or self._rolled < self._enough:
+        if self._flown + self._by_this_clock <= THRESHOLDS.vane_aside_time or self._rolled < self._enough:
             vane_place[1] = max(vane_place[1], self._out_on_wing)
         return SensorDoubt(mean, covariance, self._place, vane_place, late, self._waits > 0.0, found)
 

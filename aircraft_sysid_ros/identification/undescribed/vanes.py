@@ -11,7 +11,8 @@ where both are those of the air at the IMU.
 An aeroplane answers gusts, so that I goes together with them: least squares of this would find a scale that is too
 small. What moves the surfaces is no gust, so that s and tau are those for which the rest does not go together with the
 surfaces and what follows them (two-stage least squares; Soderstrom, Errors-in-variables methods, Automatica 43, 2007).
-Before a flight says so, they are not known better than vanes are built in: SCALE and LAG.
+Before a flight says so, they are not known better than vanes are built in: ``vane_scale`` and ``vane_lag`` of the
+thresholds.
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ from aircraft_sysid_ros.aircraft.signals import SIGNAL_INDEX
 from aircraft_sysid_ros.identification.coefficients.flow_angles import angle_at
 from aircraft_sysid_ros.identification.coefficients.layout import FLYING, SIGNAL, TIME, Body, CoefficientBatch
 from aircraft_sysid_ros.identification.coefficients.signals import flow_angle_rates
+from aircraft_sysid_ros.identification.thresholds import THRESHOLDS
 from aircraft_sysid_ros.identification.undescribed.moved_surfaces import PAUSE
 from aircraft_sysid_ros.kernels import njit
 from aircraft_sysid_ros.reconstruction.state import StateField
@@ -30,13 +32,9 @@ from aircraft_sysid_ros.reconstruction.state import StateField
 Array = npt.NDArray[np.float64]
 
 ANGLES = ("alpha", "beta")
-#: One sigma of scale and lag [s] of a vane that nobody has described: upwash and position error, tubes and logging.
-SCALE, LAG = 0.06, 0.04
 #: Slower than this [s] is not asked; time constants [s] of what follows the surfaces; time [s] that gusts last in the
 #: band; memory [s]; time [s] between what is summed.
 _BAND, _FOLLOW, _GUST, _MEMORY, _STEP = 3.0, (0.3, 1.0), 0.4, 120.0, 0.04
-#: Least time [s] that is summed.
-_LEAST = 5.0
 _OF_STATE = (StateField.ANGLE_OF_ATTACK, StateField.SIDESLIP)
 _FIRST_CONTROL, _COUNT_OF_CONTROLS = SIGNAL_INDEX["de"], 3
 #: Angle, I, I', and each control with what follows it.
@@ -72,10 +70,10 @@ class VaneMotion:
 
 def estimate(moments: Array, count: float, instruments: npt.NDArray[np.int64]) -> tuple[Array, Array]:
     """Mean (2,) and covariance (2, 2) of (scale - 1, lag) from sums of products of the series."""
-    prior = np.diag([1.0 / SCALE**2, 1.0 / LAG**2])
+    prior = np.diag([1.0 / THRESHOLDS.vane_scale**2, 1.0 / THRESHOLDS.vane_lag**2])
     unknown = np.zeros(2), np.linalg.inv(prior)
     moving = instruments[np.diag(moments)[instruments] > 0.0]
-    if count * _STEP < _LEAST or not np.all(np.diag(moments)[:3] > 0.0) or len(moving) < 3:
+    if count * _STEP < THRESHOLDS.vane_seconds or not np.all(np.diag(moments)[:3] > 0.0) or len(moving) < 3:
         return unknown
     scale, instruments = np.sqrt(np.diag(moments)), moving
     z = moments[np.ix_(instruments, instruments)] / np.outer(scale[instruments], scale[instruments])

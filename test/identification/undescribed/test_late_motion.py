@@ -8,8 +8,9 @@ from aircraft_sysid_ros.after_flight.delay_notes import delay_notes
 from aircraft_sysid_ros.aircraft.configuration import Aircraft, aircraft_from_dict
 from aircraft_sysid_ros.identification.coefficients.layout import SIGNALS_OF_SAMPLE
 from aircraft_sysid_ros.identification.identifier import Identifier
+from aircraft_sysid_ros.identification.thresholds import THRESHOLDS
 from aircraft_sysid_ros.identification.trust import Trust
-from aircraft_sysid_ros.identification.undescribed.late_motion import USUAL, LateMotion
+from aircraft_sysid_ros.identification.undescribed.late_motion import LateMotion
 from aircraft_sysid_ros.identification.undescribed.moved_surfaces import (
     COUNT,
     DELAY,
@@ -155,7 +156,7 @@ def test_nothing_is_known_before_it_moves() -> None:
     motion = LateMotion()
     motion.adopt(model.offsets, [derivatives_of(model, axis) for axis in range(6)])
     motion.look(0.0)
-    assert (motion.best.time, motion.best.variance) == (0.0, pytest.approx(USUAL**2))
+    assert (motion.best.time, motion.best.variance) == (0.0, pytest.approx(THRESHOLDS.motion_late**2))
 
 
 def test_forms_of_a_surface_are_what_a_delay_and_a_servo_make_of_it() -> None:

@@ -8,9 +8,10 @@ from aircraft_sysid_ros.aircraft.configuration import Aircraft, aircraft_from_di
 from aircraft_sysid_ros.aircraft.signals import SIGNAL_INDEX
 from aircraft_sysid_ros.identification.coefficients.layout import SIGNALS_OF_SAMPLE, TERMS_OF_SAMPLE, TIME
 from aircraft_sysid_ros.identification.parameter_set import ParameterSet
+from aircraft_sysid_ros.identification.thresholds import THRESHOLDS
 from aircraft_sysid_ros.identification.trust import Trust
-from aircraft_sysid_ros.identification.undescribed.sensors import UNSEEN, UndescribedSensors
-from aircraft_sysid_ros.identification.undescribed.vanes import LAG, SCALE, estimate
+from aircraft_sysid_ros.identification.undescribed.sensors import UndescribedSensors
+from aircraft_sysid_ros.identification.undescribed.vanes import estimate
 from aircraft_sysid_ros.pipeline import Pipeline
 from aircraft_sysid_ros.samples import Kind, Samples
 from aircraft_sysid_ros.sensors.sensor_models import first_order_lag
@@ -113,7 +114,10 @@ def test_gusts_that_the_aeroplane_answers_bias_no_scale() -> None:
     series = np.stack([shown, motion, rate, surface, later, much_later], axis=1)
     mean, covariance = estimate(series.T @ series, float(n), np.array([3, 4, 5]))
     assert mean == pytest.approx([scale - 1.0, scale * lag], abs=3.0 * np.sqrt(np.diag(covariance)).max())
-    assert np.sqrt(covariance[0, 0]) < 0.7 * SCALE and np.sqrt(covariance[1, 1]) < 0.7 * LAG
+    assert (
+        np.sqrt(covariance[0, 0]) < 0.7 * THRESHOLDS.vane_scale
+        and np.sqrt(covariance[1, 1]) < 0.7 * THRESHOLDS.vane_lag
+    )
     plain = np.linalg.lstsq(series[:, 1:3], shown, rcond=None)[0]
     assert abs(plain[0] - scale) > 0.2
 
@@ -121,7 +125,7 @@ def test_gusts_that_the_aeroplane_answers_bias_no_scale() -> None:
 def test_without_motion_a_vane_is_as_vanes_are_built() -> None:
     mean, covariance = estimate(np.zeros((12, 12)), 0.0, np.array([3, 4, 5]))
     assert np.array_equal(mean, np.zeros(2))
-    assert np.sqrt(np.diag(covariance)) == pytest.approx([SCALE, LAG])
+    assert np.sqrt(np.diag(covariance)) == pytest.approx([THRESHOLDS.vane_scale, THRESHOLDS.vane_lag])
 
 
 @pytest.mark.long
@@ -142,7 +146,7 @@ def test_until_the_roll_has_shown_where_a_vane_is_it_may_be_out_on_the_wing() ->
         assert doubt is not None and doubt.vane_place[1] == pytest.approx(most * bare.span)
 
 
-@pytest.mark.parametrize(("rate", "most"), [(0.02, UNSEEN), (0.5, 0.05)])
+@pytest.mark.parametrize(("rate", "most"), [(0.02, THRESHOLDS.vane_aside), (0.5, 0.05)])
 def test_a_vane_out_on_the_wing_is_in_doubt_as_long_as_nothing_rolls(rate: float, most: float) -> None:
     """After 30 s of quiet flight the doubt had been dropped, though nothing had shown where the vane is."""
     bare = of_shape(default_aircraft(), places=False)
