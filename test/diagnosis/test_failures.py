@@ -353,6 +353,31 @@ def test_what_only_seems_to_fail_is_none(seed, layout) -> None:
     assert not failures_of(flight.aircraft, flight.samples).says_something
 
 
+@pytest.mark.parametrize(
+    ("evidence", "by_the_other", "least", "is_denied"),
+    [(89.0, -73.0, 60.0, True), (70.0, -18.0, 30.0, False), (112.0, 135.0, 60.0, False)],
+)
+def test_what_one_form_of_the_balance_has_of_an_input_must_hold_beside_the_other(
+    evidence, by_the_other, least, is_denied
+) -> None:
+    """Both are of one flight: what both make of it together must still be as much as one of them needs."""
+    sure = SimpleNamespace(evidence=evidence, hypothesis=None)
+    said = SimpleNamespace(gains={"Cl": by_the_other - 1.0, "Cn": 1.0})
+    form = SimpleNamespace(search=SimpleNamespace(count=1498), least=least)
+    other = SimpleNamespace(search=SimpleNamespace(count=1498, judged=lambda hypothesis: said))
+    assert found_failures._is_denied(sure, form, other) is is_denied
+    other.search.count = 1490  # other samples: its points are not those of this one
+    assert not found_failures._is_denied(sure, form, other)
+
+
+@pytest.mark.long
+def test_an_aileron_that_moves_for_the_first_time_has_not_changed() -> None:
+    """Straight for 137 s at 10 Hz, then a turn: the rolling acceleration, noise there, had an aileron that fails."""
+    flight = missions.fly(11050007, flights.Layout(10.0, 10.0, 5.0, elevons=False, vanes=False), "none")
+    said = answer(flight.aircraft, flight.samples)
+    assert said["verdict"] == "none" and not any(c["found"] for c in said["candidates"])
+
+
 @pytest.mark.long
 def test_a_control_that_does_something_else_to_the_end_is_unexplained() -> None:
     """An elevator that sticks where it is, in a flight whose autopilot hardly moves it: not enough for the name."""
