@@ -104,7 +104,9 @@ class OrderCounts:
     def ahead_in_words(self) -> str:
         """That sensors are stamped by a clock that is ahead of that of the IMU, and are used; empty: none are."""
         early = (self.clocked >= _ENOUGH) & (self.least_early > _CLOCK_AHEAD) & (self.least_ahead == _NEVER)
-        listed = [f"{Kind(int(k)).name.lower()} by {self.least_early[k] / NANOSECONDS:.1f} s" for k in np.flatnonzero(early)]
+        listed = [
+            f"{Kind(int(k)).name.lower()} by {self.least_early[k] / NANOSECONDS:.1f} s" for k in np.flatnonzero(early)
+        ]
         if not listed:
             return ""
         return (
