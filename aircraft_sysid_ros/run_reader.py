@@ -89,6 +89,15 @@ def lack_of_fit_of(folder: Path) -> dict[str, str]:
     return {str(axis): str(words) for axis, words in said.items()}
 
 
+def std_of_sensors_of(folder: Path) -> dict[str, float]:
+    """One sigma of what sensors that nobody described leave in doubt of each parameter of another estimator, by name.
+
+    Empty for an older run. Raises UNREADABLE.
+    """
+    said = json.loads((folder / PARAMETERS).read_text(encoding="utf8")).get("std_of_sensors", {})
+    return {str(name): float(std) for name, std in said.items()}
+
+
 def corrected_note(calibration: str) -> str:
     """For a run whose samples are corrected by the file of a calibration."""
     return (f"its samples are corrected by the calibration {calibration}: what is found from them now is what that has "

@@ -72,6 +72,17 @@ class Description(NamedTuple):
             found.append(self.sensors.of(model, axis, theta, (straight, of_beta), (steep - straight) / _BEND))
         return found
 
+    def std_of_sensors(self) -> Array:
+        """One sigma (parameters,) of what sensors that nobody described do to each parameter of who takes vanes as they
+        are, and surfaces as late as the flight shows; 0 where all are described.
+        """
+        if self.sensors is None:
+            return np.zeros(len(self.model.parameter_names))
+        all_left, of_vanes = self.of_sensors(), self._replace(sensors=self.sensors._replace(late=())).of_sensors()
+        pairs = [(a, b) for a, b in zip(all_left, of_vanes, strict=True) if a is not None and b is not None]
+        squares = np.concatenate([np.diag(a.covariance) + np.diag(b.found) for a, b in pairs])
+        return np.asarray(np.sqrt(np.maximum(squares, 0.0)))
+
     def shared_variance(self) -> Array:
         """What sensors that nobody described leave in doubt of each parameter at all times of a flight alike
         (parameters,): they do not change in it. Of what they do another motion shows a share anew, as

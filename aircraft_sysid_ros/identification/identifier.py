@@ -196,6 +196,10 @@ class Identifier:
         """The parameters now, with standard errors corrected for coloured residuals and a verdict on each."""
         return self.learning.estimates(self.stream.controls.used_until)
 
+    def std_of_sensors(self) -> Array:
+        """One sigma (parameters,) of what sensors that nobody described do to each parameter of another estimator."""
+        return self.learning.std_of_sensors(self.stream.controls.used_until)
+
     def model_error(self) -> list[AxisError]:
         """Measured against predicted coefficients over the sliding window."""
         apart = samples_apart(self.options.step, self.options.half_width)

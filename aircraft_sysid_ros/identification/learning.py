@@ -406,6 +406,10 @@ class Learning:
         """The parameters now, with standard errors corrected for coloured residuals and a verdict on each."""
         return self._describe(self.least_squares.state, self.time(used_until), self.fleet.axes)()
 
+    def std_of_sensors(self, used_until: float) -> Array:
+        """As ``Description`` has it (parameters,)."""
+        return self._describe(self.least_squares.state, self.time(used_until), self.fleet.axes).std_of_sensors()
+
     def published_now(self, used_until: float, start: float) -> ParameterSet:
         """``estimates`` that have passed the integrity monitor, what was known before; or in the air, if it is not."""
         of_air = self.landing.published(self.time(used_until), start)

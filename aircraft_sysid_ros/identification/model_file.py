@@ -143,6 +143,7 @@ def parameters_json(estimator: Identifier) -> dict[str, Any]:
         ],
         **_beside_earlier_flights(estimator),
         **_late_surfaces(estimator),
+        **_of_sensors(estimator),
         "lack_of_fit": estimator.learning.integrity.doubts.lack_of_fit,
         "changes": [
             {"axis": axis, "time": t, "count": count} for axis, t, count in estimator.learning.changes.alarms()
@@ -161,6 +162,13 @@ def _late_surfaces(estimator: Identifier) -> dict[str, Any]:
     found = estimator.learning.late_surfaces
     late = {key: {"value": value, "std": std} for key, (value, std) in found.items()}
     return {"late_surfaces": late} if late else {}
+
+
+def _of_sensors(estimator: Identifier) -> dict[str, Any]:
+    """What sensors that nobody described leave in doubt of each parameter; nothing where all are described."""
+    std = estimator.std_of_sensors()
+    of_each = {name: float(s) for name, s in zip(estimator.model.parameter_names, std, strict=True) if s > 0.0}
+    return {"std_of_sensors": {name: s for name, s in of_each.items() if np.isfinite(s)}} if of_each else {}
 
 
 def _number(value: float) -> float | None:

@@ -119,7 +119,7 @@ def refine(run: RunData, method: str, options: RefineOptions, progress: Progress
     modelled = np.full(record.outputs.shape, np.nan)
     for segment, residual in zip(fitted, found.residuals, strict=True):
         modelled[segment.part] = record.outputs[segment.part] - residual
-    std = _with_sampling(run, found)
+    std = with_doubts(run, found.theta, found.std)
     errors = errors_not_fitted(run, record, segments, found.theta)
     doubts, bounds = _doubts(found, errors, run.lack_of_fit), run.aircraft.parameter_bounds
     content = {
@@ -141,14 +141,17 @@ def refine(run: RunData, method: str, options: RefineOptions, progress: Progress
     return Refinement(content, record.time - record.time[0], record.outputs, modelled)
 
 
-def _with_sampling(run: RunData, found: _Fitted) -> Array:
-    """Standard errors (parameters,), those of coefficients with what slow controls may have taken of them."""
-    std, count = found.std.copy(), len(run.aircraft.model.parameter_names)
-    interval = interval_of(run.samples, Kind.CONTROLS)
-    if interval > LONG:
-        lost = sampling_error(interval) * np.abs(found.theta[:count])
-        std[:count] = np.where(std[:count] > 0.0, np.hypot(std[:count], lost), 0.0)
-    return std
+def with_doubts(run: RunData, theta: Array, std: Array) -> Array:
+    """Standard errors (parameters,), those of coefficients with what slow controls may have taken of them.
+
+    And with what sensors leave in doubt that the aircraft file does not describe: the fit takes them as they are.
+    """
+    names = run.aircraft.model.parameter_names
+    interval, count = interval_of(run.samples, Kind.CONTROLS), len(names)
+    of_sensors = np.array([run.std_of_sensors.get(name, 0.0) for name in names])
+    lost = sampling_error(interval) * np.abs(theta[:count]) if interval > LONG else 0.0
+    wider = np.sqrt(std[:count] ** 2 + of_sensors**2 + lost**2)
+    return np.concatenate([np.where(std[:count] > 0.0, wider, 0.0), std[count:]])
 
 
 def _check(record: FlightRecord, total: float, slow: str, inputs: tuple[str, ...]) -> None:

@@ -25,6 +25,7 @@ from aircraft_sysid_ros.run_reader import (
     read_points,
     read_samples,
     read_state,
+    std_of_sensors_of,
 )
 from aircraft_sysid_ros.samples import WIDTH, Kind, Samples, without_repeats
 
@@ -49,6 +50,8 @@ class RunData:
     #: Variances of the measured coefficients from the noise of the IMU (n, 6), and of the noise of terms (parameters,).
     noise: tuple[Array, Array] | None = None  # None: an older run does not say
     lack_of_fit: Mapping[str, str] = field(default_factory=dict)  # of axes that the model does not explain, in words
+    #: One sigma of what sensors that nobody described leave in doubt of parameters, by name.
+    std_of_sensors: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def start(self) -> Array:
@@ -80,6 +83,7 @@ def load_run(run: str | Path) -> RunData:
     aircraft = load_run_aircraft(folder / AIRCRAFT)
     try:
         parameters, state, lacks = read_parameters(folder), read_state(folder), lack_of_fit_of(folder)
+        of_sensors = std_of_sensors_of(folder)
         known = [*state["accelerometer_bias"], *state["gyro_bias"]]
         biases = np.array([0.0 if b is None else float(b) for b in known])
         samples, points = read_samples(folder), read_points(folder)
@@ -98,4 +102,4 @@ def load_run(run: str | Path) -> RunData:
         raise InputError(f"the run {run} is of another version or model: replay the recording again")
     calm_air = bool(state.get("calm_air", False))
     samples = without_repeats(samples)
-    return RunData(aircraft, samples, parameters, biases, stamp, measured, terms, calm_air, noise, lacks)
+    return RunData(aircraft, samples, parameters, biases, stamp, measured, terms, calm_air, noise, lacks, of_sensors)

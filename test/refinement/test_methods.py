@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 
 from aircraft_sysid_ros.errors import InputError
-from aircraft_sysid_ros.flight_model.layout import make_theta
+from aircraft_sysid_ros.flight_model.layout import TAIL, make_theta
 from aircraft_sysid_ros.refinement.parameters import judged, scales_of
 from aircraft_sysid_ros.refinement.record import record_of
-from aircraft_sysid_ros.refinement.refine import RefineOptions, refine, with_options
+from aircraft_sysid_ros.refinement.refine import RefineOptions, refine, with_doubts, with_options
 from aircraft_sysid_ros.refinement.refined_file import FILTER_ERROR, OUTPUT_ERROR
+from aircraft_sysid_ros.refinement.run_data import RunData
 from aircraft_sysid_ros.samples import Kind
 
 MAIN = ("CZ_alpha", "Cm_alpha", "Cm_q", "Cm_de", "Cl_p", "Cl_da", "Cl_beta", "Cn_beta", "Cn_r", "Cn_dr", "CY_beta")
@@ -153,6 +154,20 @@ def test_bad_runs_are_refused(still_run):
     )
     with pytest.raises(InputError, match="mass properties"):
         refine(replace(still_run, samples=heavier), OUTPUT_ERROR, OPTIONS)
+
+
+def test_sensors_that_nobody_described_are_in_the_standard_errors(still_flight):
+    """Vanes out on a wing of which the file says nothing gave values to USE that were a hundred of their errors off."""
+    aircraft, nothing = still_flight.aircraft, np.empty((0, 0))
+    names = aircraft.model.parameter_names
+    plain = RunData(aircraft, still_flight.samples, {}, np.zeros(6), np.empty(0, np.int64), nothing, nothing)
+    count, at = len(names), names.index("Cl_r")
+    theta, std = np.ones(count + TAIL), np.full(count + TAIL, 0.03)
+    std[names.index("CX_q")] = 0.0  # it was left where it is
+    wide = with_doubts(replace(plain, std_of_sensors={"Cl_r": 0.04, "CX_q": 0.04}), theta, std)
+    assert wide[at] == pytest.approx(0.05)
+    for found in (np.delete(wide, at), np.delete(with_doubts(plain, theta, std), at)):
+        np.testing.assert_array_equal(found, np.delete(std, at))
 
 
 def test_bounds_of_the_aircraft_file_count_as_in_replay(still_flight, still_run):

@@ -61,6 +61,7 @@ from aircraft_sysid_ros.run_reader import (
     read_parameters,
     read_points,
     read_state,
+    std_of_sensors_of,
 )
 from aircraft_sysid_ros.samples import Samples
 from aircraft_sysid_ros.stamps import nanoseconds
@@ -334,7 +335,8 @@ def run_data(run: Run, version: Version) -> RunData:
     if run.samples is None:
         raise InputError(f"{run.path} holds no samples to fly {version.identifier} on: replay the recording again")
     try:
-        parameters, lacks = read_parameters(folder_of(run, version)), lack_of_fit_of(folder_of(run, version))
+        folder = folder_of(run, version)
+        parameters, lacks, of_sensors = read_parameters(folder), lack_of_fit_of(folder), std_of_sensors_of(folder)
     except UNREADABLE:
         raise InputError(
             f"{PARAMETERS} of the model version {version.identifier} in {run.path} is damaged: remove that version "
@@ -355,6 +357,7 @@ def run_data(run: Run, version: Version) -> RunData:
         calm_air=run.calm_air,
         noise=pipeline.parameters.learning.noise_of(points),
         lack_of_fit=lacks,
+        std_of_sensors=of_sensors,
     )
 
 
