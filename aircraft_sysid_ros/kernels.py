@@ -46,7 +46,8 @@ if TYPE_CHECKING:
 else:
 
     def njit(*, cache=False, **options):
-        """As Numba's."""
+        """As Numba's; what is divided by zero is no number, and does not end who flies."""
+        options = {"error_model": "numpy", **options}
         if not (cache and _IS_KNOWN):
             return numba.njit(cache=cache, **options)
 

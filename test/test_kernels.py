@@ -9,9 +9,13 @@ import sys
 from pathlib import Path
 
 import numba
+import numpy as np
 import pytest
 
 from aircraft_sysid_ros import kernels
+from aircraft_sysid_ros.aircraft.atmosphere import STANDARD_GRAVITY
+from aircraft_sysid_ros.identification.coefficients.signals import flow_angle_rates
+from aircraft_sysid_ros.reconstruction.state import StateField
 
 KEPT = """
 import numpy as np
@@ -46,6 +50,14 @@ if sys.argv[1:]:
     answers += [last(np.ones(3)), refused(last)]
 print(json.dumps({"answers": answers, "loaded": loaded, "alone": alone}))
 """
+
+
+def test_what_is_divided_by_zero_in_a_kernel_is_no_number():
+    """An air velocity of exactly zero, as a simulator has it before the start, ended who estimated with an error."""
+    row = np.zeros(StateField.WIDTH)
+    row[StateField.ATTITUDE.start] = 1.0
+    row[StateField.SPECIFIC_FORCE] = 0.0, 0.0, -STANDARD_GRAVITY
+    assert not np.isfinite(flow_angle_rates(row, STANDARD_GRAVITY)).any()
 
 
 @pytest.mark.long
