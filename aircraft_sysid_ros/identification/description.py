@@ -72,14 +72,15 @@ class Description(NamedTuple):
             found.append(self.sensors.of(model, axis, theta, (straight, of_beta), (steep - straight) / _BEND))
         return found
 
-    def std_of_sensors(self) -> Array:
+    def std_of_sensors(self, surfaces_as_found: bool) -> Array:
         """One sigma (parameters,) of what sensors that nobody described do to each parameter of who takes vanes as they
-        are, and surfaces as late as the flight shows; 0 where all are described.
+        are, and surfaces, too, or ``surfaces_as_found``: as late as the flight shows; 0 where all are described.
         """
         if self.sensors is None:
             return np.zeros(len(self.model.parameter_names))
-        all_left, of_vanes = self.of_sensors(), self._replace(sensors=self.sensors._replace(late=())).of_sensors()
-        pairs = [(a, b) for a, b in zip(all_left, of_vanes, strict=True) if a is not None and b is not None]
+        left = self.of_sensors()
+        moved = self._replace(sensors=self.sensors._replace(late=())).of_sensors() if surfaces_as_found else left
+        pairs = [(a, b) for a, b in zip(left, moved, strict=True) if a is not None and b is not None]
         squares = np.concatenate([np.diag(a.covariance) + np.diag(b.found) for a, b in pairs])
         return np.asarray(np.sqrt(np.maximum(squares, 0.0)))
 

@@ -407,8 +407,9 @@ class Learning:
         return self._describe(self.least_squares.state, self.time(used_until), self.fleet.axes)()
 
     def std_of_sensors(self, used_until: float) -> Array:
-        """As ``Description`` has it (parameters,)."""
-        return self._describe(self.least_squares.state, self.time(used_until), self.fleet.axes).std_of_sensors()
+        """As ``Description`` has it (parameters,), for who takes surfaces as ``late_surfaces`` says."""
+        described = self._describe(self.least_squares.state, self.time(used_until), self.fleet.axes)
+        return described.std_of_sensors(bool(self.late_surfaces))
 
     def published_now(self, used_until: float, start: float) -> ParameterSet:
         """``estimates`` that have passed the integrity monitor, what was known before; or in the air, if it is not."""
