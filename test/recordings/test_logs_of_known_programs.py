@@ -247,6 +247,10 @@ def onspeed(flown, path):
         "boomBeta": DEGREES * flown["sideslip"],
         "EarthVerticalG": -np.gradient(flown["velocity.down"], flown["time"]) / G,
         "VSI": -60.0 * flown["velocity.down"] / FOOT,
+        # Another IMU, which is not in the axes of this one.
+        "vnAccelFwd": flown["specific_force.x"] - 0.1 * flown["specific_force.z"],
+        "vnAccelLat": flown["specific_force.y"] - 0.1 * flown["specific_force.z"],
+        "vnAccelVert": 0.9 * flown["specific_force.z"], "vnPitch": DEGREES * flown["attitude.pitch"] + 6.0,
     }, step=2)  # fmt: skip
     air = {"pressure_altitude", "indicated_airspeed", "true_airspeed", "angle_of_attack", "sideslip", "velocity.down"}
     return IMU | air | {"attitude.roll", "attitude.pitch"}
@@ -289,6 +293,21 @@ def test_a_log_of_a_known_program_is_guessed(tmp_path, flown, layout):
         assert np.median(np.abs(off)) < DIGITS[UNITS[signal]], (signal, line)
 
 
+def test_three_angles_of_an_orientation_whose_order_no_law_shows_are_left_to_the_user(tmp_path, flown):
+    """A sensor by Bosch has heading, roll and pitch: its heading was taken for roll, by convention."""
+    angles = [
+        np.mod(DEGREES * flown["attitude.yaw"], 360.0),
+        *(DEGREES * flown[f"attitude.{n}"] for n in ("roll", "pitch")),
+    ]
+    _written(tmp_path / "log.csv", {
+        "time_s": flown["time"], **_of_imu(flown, ("acc_", "gyro_", "xyz")), "tas_mps": flown["true_airspeed"],
+        **{f"orientation_{axis}_deg": angle for axis, angle in zip("xyz", angles, strict=True)},
+    }, step=2)  # fmt: skip
+    (part,) = guess_map(tmp_path / "log.csv").parts
+    assert [line.active for line in part.lines if line.signal in ATTITUDE] == [False] * 3
+    assert 0.0 not in {line.sign for line in part.lines}
+
+
 @pytest.mark.parametrize(
     ("names", "left", "signal", "expression"),
     [
@@ -309,15 +328,44 @@ def test_left_and_right_surfaces_make_one_signal(tmp_path, flown, names, left, s
     assert (line.expression, line.active, line.sign) == (expression, True, 1.0)
 
 
+def _aileron_of(path, flown, columns):
+    """The line of the aileron in the MAP of a table with an IMU and some columns of ailerons."""
+    imu = _of_imu(flown, ("acc_", "gyro_", "xyz"))
+    _written(path / "log.csv", {"time_s": flown["time"], **imu, "tas_mps": flown["true_airspeed"], **columns}, step=2)
+    (part,) = guess_map(path / "log.csv").parts
+    lines = [line for line in part.lines if line.signal == "aileron"]
+    return min(lines, key=lambda line: not line.active)
+
+
 def test_surfaces_that_do_not_move_as_one_are_left_to_the_user(tmp_path, flown):
     """As elevons do that hold a roll and a pitch: half of their sum is no aileron."""
     wild = np.random.default_rng(3).normal(0.0, 5.0, (2, len(flown["time"])))
-    _written(tmp_path / "log.csv", {
-        "time_s": flown["time"], "ail_left": wild[0], "ail_right": wild[1], **_of_imu(flown, ("acc_", "gyro_", "xyz")),
-    })  # fmt: skip
-    (part,) = guess_map(tmp_path / "log.csv").parts
-    (line,) = (line for line in part.lines if line.signal == "aileron")
+    line = _aileron_of(tmp_path, flown, {"ail_left": wild[0], "ail_right": wild[1]})
     assert not line.active and "do not move as one" in line.evidence
+
+
+def test_of_two_sides_one_of_which_stands_still_half_of_the_difference_is_no_aileron(tmp_path, flown):
+    """A potentiometer that is not connected: the aileron would have half of its size."""
+    moved = DEGREES * flown["aileron"]
+    line = _aileron_of(tmp_path, flown, {"ail_left_deg": 0.0 * moved, "ail_right_deg": moved})
+    assert not line.active and "do not move as one" in line.evidence
+
+
+def test_pulses_of_two_servos_are_no_angle(tmp_path, flown):
+    """Half of their difference looks like degrees, since their middle is not in it."""
+    pulse = 10.0 * DEGREES * flown["aileron"]
+    line = _aileron_of(tmp_path, flown, {"ail_left": 1500.0 - pulse, "ail_right": 1510.0 + pulse})
+    assert not line.active and "ail_left: it goes up to" in line.evidence
+
+
+def test_commands_of_two_sides_come_after_their_deflections_and_are_never_sure(tmp_path, flown):
+    moved = DEGREES * flown["aileron"]
+    commands = {"ail_cmd_left_deg": -moved, "ail_cmd_right_deg": moved}
+    line = _aileron_of(tmp_path, flown, commands)
+    assert line.active and line.certainty == "likely" and "a command" in line.evidence
+    late = np.interp(flown["time"] - 0.1, flown["time"], moved)
+    line = _aileron_of(tmp_path, flown, commands | {"ail_left_deg": -late, "ail_right_deg": late})
+    assert line.expression == "(ail_right_deg - ail_left_deg)/2" and line.certainty == "sure"
 
 
 def test_a_matrix_without_names_takes_those_of_the_list_beside_it(tmp_path, flown):
@@ -355,6 +403,7 @@ def _read(file):
      "hding,__mag", "/accelerations/pilot-gdamped", "/fmu/out/imu/x", "/gimbal/pitch", "/camera/imu/angular_velocity.x",
      "/autopilot/pid/pitch", "/controls/flight/elevator", "/home/altitude", "/wind/velocity/north", "/traffic/latitude",
      "/esc/temperature", "/hydraulic/pressure", "/goal/latitude", "/body/rates/roll", "/moments/pitch",
+     "acc_norm", "Accel_Norm", "Long CG", "cg_lat", "CG t", "mass_cg", "r_cg",
      "/acceleration/north", "/inputs/yaw", "EarthVerticalG", "orientation[1]", "vnYawSigma", "position_sigma_ned_m[0]"],
 )  # fmt: skip
 def test_what_only_ends_like_a_signal_is_none(name):

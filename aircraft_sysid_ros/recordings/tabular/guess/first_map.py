@@ -131,7 +131,7 @@ def guess_map(path: Path, mapping: ServoMapping | None = None) -> FirstMap:
                     column.name,
                     column.expression,
                     column.said_unit or "?",
-                    column.custom,
+                    column.custom or 1.0,
                     0.0,
                     False,
                     "undecided",
@@ -266,15 +266,20 @@ def _named_columns(
         column = Column(
             table.name, name, guess.signal, values[timed], time.seconds[timed], guess.unit, guess.sign, guess.distance
         )
-        if is_command(name):
-            column.sure = False
-            column.evidence.append("a command, which the surface follows later")
         found.append(column)
     angles, four = quaternion_columns(table.name, content, time.seconds, found)
     velocity, two = ground_track_columns(table.name, content, table.units, time.seconds)
     pairs, sides = two_sided_columns(table.name, content, table.units, time.seconds)
+    for column in (*found, *pairs):
+        if is_command(column.name):
+            _take_as_command(column)
     alone = [column for column in found if column.name not in four]
     return [*alone, *angles, *velocity, *pairs], four | two | sides
+
+
+def _take_as_command(column: Column) -> None:
+    column.sure = False
+    column.evidence.append("a command, which the surface follows later")
 
 
 def _weigh_table(column: Column, is_topic: bool) -> None:
@@ -287,8 +292,7 @@ def _weigh_table(column: Column, is_topic: bool) -> None:
         return
     column.distance += _OF_ANOTHER
     if asked_for and column.signal in (*SURFACES, "throttle"):
-        column.sure = False
-        column.evidence.append("a command, which the surface follows later")
+        _take_as_command(column)
     elif is_topic:
         column.doubt = f"its topic is called as {'what is asked for' if asked_for else 'that of another body'}"
 
@@ -314,7 +318,7 @@ def _line(column: Column) -> Line:
     certainty = "undecided" if not column.is_known else "sure" if column.sure else "likely"
     evidence = "; ".join([*([column.doubt] if column.doubt else []), *column.evidence])
     unit = column.unit or column.said_unit or "?"
-    sign = column.sign or column.custom
+    sign = column.sign or column.custom or 1.0
     return Line(
         column.signal, column.name, column.expression, unit, sign, column.offset, column.is_known, certainty, evidence
     )

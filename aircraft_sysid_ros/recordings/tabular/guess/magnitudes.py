@@ -8,13 +8,14 @@ from aircraft_sysid_ros.aircraft.atmosphere import altitude_at
 from aircraft_sysid_ros.recordings.tabular.guess.flight_columns import FASTEST, SLOWEST, Flight, G
 from aircraft_sysid_ros.recordings.tabular.guess.laws_of_one import CANDIDATES
 from aircraft_sysid_ros.recordings.tabular.guess.names import is_time_step
-from aircraft_sysid_ros.recordings.tabular.guess.series import SPEEDS, Column
+from aircraft_sysid_ros.recordings.tabular.guess.series import SPEEDS, Array, Column
 from aircraft_sysid_ros.recordings.tabular.signals import VECTORS
 from aircraft_sysid_ros.recordings.tabular.units import conversion
 from aircraft_sysid_ros.samples import share_below_zero
 
 AXES, RATES, ATTITUDE = VECTORS["specific_force"], VECTORS["angular_velocity"], VECTORS["attitude"]
 SURFACES = ("elevator", "aileron", "rudder", "flaps")
+_NO_ANGLE = 400.0
 _MOST_POSITIONS = 5  # of a lever for flaps
 _AIR = (10_000.0, 106_000.0)  # [Pa] from 16 km down to below the sea
 _BELOW_5500_M, _BELOW_2000_M = 50_000.0, 80_000.0  # [Pa]
@@ -198,8 +199,14 @@ def _degrees(flight: Flight, signals: tuple[str, ...]) -> None:
         whole = 361.0 if signal == "attitude.yaw" else 181.0 if signal == "attitude.roll" else 95.0
         if limits.get(signal, 1.75) < most <= whole:
             column.take_unit("deg", f"it goes up to {most:.3g}, too far for radians")
-        elif most > 400.0:
-            column.doubt = f"it goes up to {most:.3g}, which is not an angle"
+        else:
+            column.doubt = why_no_angle(column.numbers)
+
+
+def why_no_angle(numbers: Array) -> str:
+    """That numbers (m,) go further than angles do in any unit; empty: they do not."""
+    most = float(np.percentile(np.abs(numbers), 99.9)) if len(numbers) else 0.0
+    return f"it goes up to {most:.3g}, which is not an angle" if most > _NO_ANGLE else ""
 
 
 #: Most [rad] that a heading which counts its turns is taken to go: nine turns.

@@ -50,6 +50,10 @@ _LETTERS = str.maketrans({
 })  # fmt: skip
 #: A receiver of GPS has a course, which is called a heading, and a speed over ground; neither is what these names say.
 _RECEIVERS, _HEADINGS = frozenset({"gps", "gnss"}), frozenset({"heading", "hdg", "head"})
+#: What is said of a centre of gravity, and is measured there; else it is its place, the mass in it or a time of it.
+_CENTER, _THERE = "cg", ("specific_force", "velocity", "angle_of_attack", "sideslip", *SPEEDS)
+#: Three angles of some order: heading, roll and pitch of a sensor by Bosch, azimuth, pitch and roll of a telephone.
+_OF_ANY_ORDER = "orientation"
 _UNIT_OF_TRACK = {"speed": "m/s", "course": "rad"}
 _WRITTEN: dict[str, str] = _VOCABULARY["written"]
 _INDEX = re.compile(r"\[(\d)\](?=$|_)")
@@ -59,7 +63,10 @@ _FIELD_OF_ROS = re.compile(r"^field\.|^_\.|^/")
 
 @dataclass(frozen=True)
 class NameGuess:
-    """What a name says: signal, unit ("" nothing), which way is positive by custom, and how far-fetched it is."""
+    """What a name says: signal, unit ("" nothing), which way is positive by custom, and how far-fetched it is.
+
+    A sign of 0: nothing is custom, and only a law tells that it is the signal.
+    """
 
     signal: str
     unit: str
@@ -87,6 +94,9 @@ def guess_name(column: str, unit: str = "", table: str = "") -> NameGuess | None
             continue  # a command of -1 to 1 is no angle
         if not _RECEIVERS.isdisjoint(words) and (signal in SPEEDS or not _HEADINGS.isdisjoint(words)):
             continue
+        if _CENTER in words and not signal.startswith(_THERE):
+            continue
+        sign = 0.0 if tokens[0] == _OF_ANY_ORDER else sign
         guess = NameGuess(signal, said, sign, 100 * cost + rank)
         if best is None or guess.distance < best.distance:
             best = guess

@@ -277,7 +277,7 @@ def _take_custom(flight: Flight) -> bool:
     """What is everywhere counted the same way, for one column of which nothing says otherwise; False where none is."""
     for signal in (*_CUSTOM, "flaps"):
         column = flight.columns.get(signal)
-        if column is None or column.doubt or column.sign or not column.unit:
+        if column is None or column.doubt or column.sign or not column.unit or not column.custom:
             continue
         if signal == "flaps":
             values = column.numbers

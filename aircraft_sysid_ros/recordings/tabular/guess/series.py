@@ -34,7 +34,7 @@ class Column:
     values: Array  # (n,) as in the file
     time: Array  # (n,) [s]; NaN as long as the time of its table is not known
     said_unit: str = ""
-    custom: float = 1.0  # the sign that its name implies
+    custom: float = 1.0  # the sign that its name implies; 0: none
     distance: int = 0
     unit: str = ""
     sign: float = 0.0  # 0: not known

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.recordings.tabular.column_expression import parse_column_expression, quoted
+from aircraft_sysid_ros.recordings.tabular.guess.magnitudes import SURFACES, why_no_angle
 from aircraft_sysid_ros.recordings.tabular.guess.names import guess_name, without_side
 from aircraft_sysid_ros.recordings.tabular.guess.series import Column
 from aircraft_sysid_ros.recordings.tabular.table import numbers
@@ -29,6 +30,7 @@ _TOGETHER = 0.7
 class _Side(NamedTuple):
     name: str
     unit: str  # "": the name and the header say none
+    distance: int
     values: Array
 
 
@@ -49,7 +51,8 @@ def two_sided_columns(
         guess = guess_name(rest, units.get(name, ""), table)
         values, bad = numbers(raw)
         if guess is not None and guess.signal in _MAKE and bad <= 0.2 * len(raw):
-            sides.setdefault((guess.signal, rest), {}).setdefault(side, _Side(name, guess.unit, values))
+            found = _Side(name, guess.unit, guess.distance, values)
+            sides.setdefault((guess.signal, rest), {}).setdefault(side, found)
     timed, columns, taken = np.isfinite(time), [], set()
     for (signal, _), both in sides.items():
         if len(both) < 2 or both["left"].unit != both["right"].unit:
@@ -58,8 +61,9 @@ def two_sided_columns(
         text, why, doubt = _made_of(signal, left, right)
         values = parse_column_expression(text).evaluate({each.name: each.values for each in both.values()})
         names = f"{left.name}, {right.name}"
-        column = Column(table, names, signal, values[timed], time[timed], left.unit, 1.0, _DISTANCE)
-        column.expression, column.doubt = text, doubt
+        distance = _DISTANCE + left.distance
+        column = Column(table, names, signal, values[timed], time[timed], left.unit, 1.0, distance)
+        column.expression, column.doubt = text, doubt or _no_angle(signal, (left, right))
         column.evidence.append(why)
         columns.append(column)
         taken |= {left.name, right.name}
@@ -72,12 +76,20 @@ def _made_of(signal: str, left: _Side, right: _Side) -> tuple[str, str, str]:
     if _MAKE[signal] == "sum":
         return f"{one} + {other}", f"the sum of {left.name} and {right.name}", ""
     there = np.isfinite(left.values) & np.isfinite(right.values)
-    moves = there.any() and np.ptp(left.values[there]) > 0.0 and np.ptp(right.values[there]) > 0.0
-    found = float(np.corrcoef(left.values[there], right.values[there])[0, 1]) if moves else np.nan
+    move = [bool(there.any() and np.ptp(side.values[there]) > 0.0) for side in (left, right)]
+    found = float(np.corrcoef(left.values[there], right.values[there])[0, 1]) if all(move) else np.nan
     is_against = found < -_TOGETHER
     is_told = is_against or found > _TOGETHER
     way = ("-" if is_against else "+") if is_told and signal not in _ENGINES else _MAKE[signal]
     what = f"half of the {'difference' if way == '-' else 'sum'} of {left.name} and {right.name}"
     how = f", which move {'against each other' if is_against else 'together'} (correlation {found:.2f})"
-    doubt = "" if is_told or not moves or signal in _ENGINES else f"{left.name} and {right.name} do not move as one"
-    return f"({one} {way} {other})/2", what + (how if is_told else ""), doubt
+    doubt = f"{left.name} and {right.name} do not move as one" if any(move) and not is_told else ""
+    return f"({one} {way} {other})/2", what + (how if is_told else ""), doubt * (signal not in _ENGINES)
+
+
+def _no_angle(signal: str, sides: Sequence[_Side]) -> str:
+    """That sides without a unit are no angles, as pulses of servos are; their difference may look like one."""
+    for side in sides if signal in SURFACES else ():
+        if not side.unit and (why := why_no_angle(side.values[np.isfinite(side.values)])):
+            return f"{side.name}: {why}"
+    return ""
