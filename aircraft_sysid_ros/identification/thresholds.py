@@ -230,7 +230,7 @@ class Thresholds:
     )
     change_at_odds: float = threshold(
         2.0,
-        "Innovations so many times as large as expected tell no change of the aeroplane: half of that from which",
+        "Mean normalised innovation squared from which errors tell no change of the aeroplane: half of that from which",
         "nothing is learnt.",
     )
     change_late: float = threshold(
@@ -251,8 +251,8 @@ class Thresholds:
     # -- signs that a sensor is wrong
     most_inconsistent: float = threshold(
         4.0,
-        "Nothing is learnt while the innovations of the first step are this many times as large as expected: a sensor",
-        "lies. A judgement.",
+        "Mean normalised innovation squared of the first step from which nothing is learnt: a sensor lies. A",
+        "judgement.",
     )
     largest_accelerometer_bias: float = threshold(
         2.0,
