@@ -139,7 +139,7 @@ def _vector(values: Array) -> Vector:
 
 
 def _output_std(aircraft: Aircraft, imu_samples_per_step: int) -> Array:
-    noise = {name: sensor.noise for name, sensor in aircraft.sensors.items()}
+    noise = {name: sensor.noise_of_true for name, sensor in aircraft.sensors.items()}
     imu = np.sqrt(imu_samples_per_step)
     return np.concatenate(
         [

@@ -138,7 +138,7 @@ def truth_series(flight: SimulatedFlight) -> dict[str, npt.NDArray[Any]]:
 def true_values(truth: Mapping[str, Any]) -> dict[str, float]:
     """True parameters by name from truth.json: those of the model, terms that were asked for, and what was hidden."""
     values = dict(truth["coefficients"])
-    for term in (*truth["effects"], *(term for effect in truth["hidden"] for term in effect["terms"])):
+    for term in (*truth.get("effects", ()), *(term for effect in truth["hidden"] for term in effect["terms"])):
         name = f"{term['axis']}_{term_label(parse_expression(term['expression']).text)}"
         values[name] = values.get(name, 0.0) + term["value"]
     return values

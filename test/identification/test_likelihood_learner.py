@@ -247,6 +247,7 @@ def test_stated_errors_of_the_air_data_are_taken_off(aircraft, short, again):
     values[vane, 0] = 0.85 * (values[vane, 0] + 0.03)
     values[speed, 0] *= 1.0 + 0.01 * np.maximum(samples.stamp[speed] * 1e-9 - begin, 0.0)
     stated = {("angle_of_attack", "scale"): 0.85, ("angle_of_attack", "offset"): 0.03, ("airspeed", "drift"): 0.01}
+    stated["angle_of_attack", "noise"] = 0.85 * aircraft.sensors["angle_of_attack"].noise[0]
     for key, value in stated.items():
         file = with_setting(file, ("sensors", *key), value)
     learnt = []

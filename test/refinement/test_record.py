@@ -187,6 +187,8 @@ def test_stated_errors_of_the_air_data_are_taken_off(still_flight):
     values[vane, 0] = 0.85 * (values[vane, 0] + 0.03)
     values[speed, 0] *= 1.1 * (1.0 + 0.01 * np.maximum(times[speed], 0.0))
     stated = {("angle_of_attack", "scale"): 0.85, ("angle_of_attack", "offset"): 0.03, ("airspeed", "scale"): 1.1}
+    for (name, _), value in list(stated.items())[::2]:
+        stated[name, "noise"] = value * aircraft.sensors[name].noise[0]
     for key, value in {**stated, ("airspeed", "drift"): 0.01}.items():
         aircraft = with_setting(aircraft, ("sensors", *key), value)
     found = record_of(aircraft, replace(samples, values=values), 50.0)
