@@ -220,9 +220,10 @@ class EstimatorNode(ConfigurableNode, ABC):
         self._offered_services.append(self.create_service(kind, name, answer))
 
     def hear(self, kind: Any, topic: str, receive: Callable[[Any], None], quality: Any) -> None:
-        """An input that lives while the node is active."""
+        """An input that lives while the node is active; of a topic that is heard already, what that does not hear."""
         take = partial(self._survive, receive)
-        self.inputs.append(Input(self, kind, topic, take, quality, self._all_inputs, self._serve_all))
+        twin = next((heard for heard in self.inputs if heard.topic == topic), None)
+        self.inputs.append(Input(self, kind, topic, take, quality, self._all_inputs, self._serve_all, twin))
 
     def note_call(self, service: str, what: str) -> None:
         """A service changed what is estimated: for the log, and for the notes of the run."""

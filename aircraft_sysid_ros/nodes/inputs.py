@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import inspect
 import time
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import partial
 from typing import Any
@@ -21,6 +22,8 @@ from typing import Any
 _BEHIND = 20_000_000
 #: Messages that a process that is behind receives before its services and timers have their turn.
 _MOST_AT_ONCE = 200
+#: Of so many messages of a topic that is heard twice it is known that they came.
+_MOST_KNOWN = 100
 #: A message and its information.
 _Taken = tuple[Any, dict[str, Any]]
 
@@ -58,7 +61,8 @@ class Numbers:
 class Input:
     """A subscription of ``node``; ``receive`` gets each message, after those that came before it to ``beside``.
 
-    Where the process is behind, ``others`` is called between messages: what else has waited for its turn.
+    Where the process is behind, ``others`` is called between messages: what else has waited for its turn. What its
+    ``twin``, of the same topic with another quality of service, has received is not received again.
     """
 
     def __init__(
@@ -70,8 +74,12 @@ class Input:
         quality: Any,
         beside: Callable[[], Sequence[Input]] = lambda: (),
         others: Callable[[], None] = lambda: None,
+        twin: Input | None = None,
     ) -> None:
         self.topic = topic
+        self._known: deque[int] | None = None  # when the newest messages were sent [ns]
+        if twin is not None:
+            self._known = twin._known = deque(maxlen=_MOST_KNOWN)
         self._beside, self._others = beside, others
         self._node, self._receive = node, receive
         self._next: _Taken | None = None  # taken, and it is not its turn yet
@@ -128,6 +136,10 @@ class Input:
 
     def _take(self, message: Any, info: dict[str, Any]) -> None:
         self._numbers.take(info["publication_sequence_number"])
+        if self._known is not None:
+            if (sent := info["source_timestamp"]) in self._known:
+                return
+            self._known.append(sent)
         self._receive(message)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 import time
-from collections import Counter, deque
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
@@ -84,7 +84,6 @@ class ParameterEstimatorNode(EstimatorNode):
         self.on_parameters: Callable[[Any, Any], None] | None = None
         self.on_samples: Callable[[Any], None] | None = None
         self._epoch: int | None = None  # of the states; controls before the first state wait for it
-        self._masses: deque[str] = deque(maxlen=common.newest_quality().depth)  # the newest messages, as they read
         self._due, self._has_published, self._held = -np.inf, False, ""
         self.model_services = ModelServices(self)
 
@@ -131,7 +130,6 @@ class ParameterEstimatorNode(EstimatorNode):
             self.hear(AircraftState, STATES, self._on_state, common.state_quality())
         self.model_services.start()
         super().activate()
-        self._masses.clear()
         self.hear(MassProperties, MASS_TOPIC, partial(self._receive, MASS_TOPIC), common.newest_quality())
 
     def deactivate(self, left: Callable[[int], None]) -> None:
@@ -147,14 +145,6 @@ class ParameterEstimatorNode(EstimatorNode):
         """End what runs beside the node too."""
         self.model_services.close()
         super().destroy_node()
-
-    def _receive(self, topic: str, message: Any) -> None:
-        """The same message of mass properties comes twice from who publishes it with transient local durability."""
-        if topic == MASS_TOPIC:
-            if (text := repr(message)) in self._masses:
-                return
-            self._masses.append(text)
-        super()._receive(topic, message)
 
     def take(self, topic: str, message: Any) -> None:
         """One message of controls, height or mass, or of what the chosen estimator hears besides."""
