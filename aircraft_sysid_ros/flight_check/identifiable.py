@@ -109,7 +109,7 @@ def _signals(motion: Motion) -> dict[str, Array]:
     """SIGNALS and the named inputs (count,) on the grid, rates without the length that norms them, smoothed alike."""
     grid = motion.grid
     width = max(_WIDTH, 3.0 * grid.step)
-    speed = motion.airspeed
+    speed = _speed(motion)
     density = np.where(np.isfinite(motion.air[:, 0]), motion.air[:, 0], _DENSITY)
     qbar = 0.5 * density * speed**2
     p, q, r = motion.gyro.T
@@ -124,6 +124,11 @@ def _signals(motion: Motion) -> dict[str, Array]:
         }  # fmt: skip
     raw |= {item.name: column for item, column in zip(motion.flight.inputs, motion.inputs.T, strict=True)}
     return {name: grid.smooth(value, width) for name, value in raw.items()}
+
+
+def _speed(motion: Motion) -> Array:
+    """The airspeed (count,) [m/s], NaN where it is none that divides."""
+    return np.where(motion.airspeed > 0.0, motion.airspeed, np.nan)
 
 
 def _height(motion: Motion) -> Array:
@@ -146,7 +151,8 @@ def white_noise(stream: Stream, column: int) -> float:
 
 def _noises(motion: Motion) -> dict[str, float]:
     """One sigma of SIGNALS and the named inputs after the average, from the scatter of their samples."""
-    speed = float(np.nanmedian(motion.airspeed)) if np.any(np.isfinite(motion.airspeed)) else 1.0
+    speeds = _speed(motion)
+    speed = float(np.nanmedian(speeds)) if np.any(np.isfinite(speeds)) else 1.0
     play = {surface: motion.flight.surface_noise for surface in SURFACES}
     play |= {INPUTS + item.name: item.noise for item in motion.flight.inputs}
     noise = dict.fromkeys(SIGNALS, 0.0)
