@@ -31,13 +31,12 @@ def check_topics(topics: Sequence[str]) -> None:
 
 def servo_options(option: Callable[..., NodeOption]) -> dict[str, NodeOption]:
     """The parameters that name the file of the servos, by its name and by the one that `calibrate` writes has, too."""
-    check = _check_mapping
     return {
         "servo_file": option(
             "", "Path of the file that says which output turns which surface (YAML); without one, no control surfaces.",
-            check=check,
+            check=_check_mapping,
         ),
-        "calibration_file": option("", "The old name of servo_file.", check=check),
+        "calibration_file": option("", "The old name of servo_file.", check=_check_mapping),
     }  # fmt: skip
 
 

@@ -118,26 +118,8 @@ def guess_map(path: Path, mapping: ServoMapping | None = None) -> FirstMap:
     best = _best_by_signal(columns)
     resolve(best)
     for part, column in columns:
-        if best[column.signal] is column:
-            part.lines.append(_line(column))
-        else:
-            chosen = best[column.signal]
-            told = f"{column.signal} is taken from {chosen.name}" + (
-                f" of {chosen.table}" if chosen.table != column.table else ""
-            )
-            part.lines.append(
-                Line(
-                    column.signal,
-                    column.name,
-                    column.expression,
-                    column.said_unit or "?",
-                    column.custom or 1.0,
-                    0.0,
-                    False,
-                    "undecided",
-                    told,
-                )
-            )
+        chosen = best[column.signal]
+        part.lines.append(_line(column) if chosen is column else _passed_over(column, chosen))
     parts = [part for part in parts if part.time is not None]
     if not parts:
         raise InputError(f"nothing of {path} can be guessed: {notes[0]}")
@@ -322,6 +304,14 @@ def _line(column: Column) -> Line:
     return Line(
         column.signal, column.name, column.expression, unit, sign, column.offset, column.is_known, certainty, evidence
     )
+
+
+def _passed_over(column: Column, chosen: Column) -> Line:
+    """The line of a column that stays commented out, since another one is taken."""
+    of_table = f" of {chosen.table}" if chosen.table != column.table else ""
+    told = f"{column.signal} is taken from {chosen.name}{of_table}"
+    unit, sign = column.said_unit or "?", column.custom or 1.0
+    return Line(column.signal, column.name, column.expression, unit, sign, 0.0, False, "undecided", told)
 
 
 def _clock(parts: list[TablePart]) -> str | None:

@@ -62,7 +62,12 @@ def reads_gravity(column: Column) -> bool:
     """Whether a column reads 1 g in trim, in the unit that is said or in any that it may have."""
     units = [column.said_unit] if column.said_unit else CANDIDATES["m/s^2"]
     size = abs(float(np.median(column.numbers))) if len(column.numbers) else 0.0
-    return any(0.6 < size * conversion(unit, "m/s^2").factor / G < 1.6 for unit in units)
+    return any(_is_gravity(size * conversion(unit, "m/s^2").factor) for unit in units)
+
+
+def _is_gravity(size: float) -> bool:
+    """Whether an acceleration [m/s^2] is that of trim, in turns and climbs too, by an accelerometer out of tune."""
+    return 0.6 < size / G < 1.6
 
 
 def _gravity(flight: Flight) -> None:
@@ -80,7 +85,7 @@ def _gravity(flight: Flight) -> None:
             column.take_unit(fitting[0], f"a_z reads {median:.3g} in trim, which is gravity")
         elif not column.unit and down.said_unit:
             column.take_unit(down.said_unit, f"as {down.name}")
-    if down.unit and 0.6 < size * down.factor / G < 1.6:
+    if down.unit and _is_gravity(size * down.factor):
         down.take_sign(
             -float(np.sign(median)), f"it reads {median:.3g} {down.unit} in trim, and gravity is {-G:.3g} m/s^2"
         )

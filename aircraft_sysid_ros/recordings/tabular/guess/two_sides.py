@@ -83,8 +83,9 @@ def _made_of(signal: str, left: _Side, right: _Side) -> tuple[str, str, str]:
     way = ("-" if is_against else "+") if is_told and signal not in _ENGINES else _MAKE[signal]
     what = f"half of the {'difference' if way == '-' else 'sum'} of {left.name} and {right.name}"
     how = f", which move {'against each other' if is_against else 'together'} (correlation {found:.2f})"
-    doubt = f"{left.name} and {right.name} do not move as one" if any(move) and not is_told else ""
-    return f"({one} {way} {other})/2", what + (how if is_told else ""), doubt * (signal not in _ENGINES)
+    is_doubted = any(move) and not is_told and signal not in _ENGINES
+    doubt = f"{left.name} and {right.name} do not move as one" if is_doubted else ""
+    return f"({one} {way} {other})/2", what + (how if is_told else ""), doubt
 
 
 def _no_angle(signal: str, sides: Sequence[_Side]) -> str:
