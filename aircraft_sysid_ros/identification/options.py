@@ -28,7 +28,13 @@ class ParameterOptions:
         2.0, "Ratio of a term's motion to its noise above which its axis learns.", "sigma", 0.0, 100.0
     )
     settle: float = option(0.2, "How much later than its state a control sample may arrive.", "s", 0.02, LONGEST_WAIT)
-    largest_gap: float = option(0.06, "Longest time between states inside a window.", "s", 0.001, 1.0)
+    largest_gap: float = option(
+        0.06,
+        "Longest time between states inside a window; the estimators fourier and rml go on over 0.1 s in any case.",
+        "s",
+        0.001,
+        1.0,
+    )
     measured_angles: bool = option(
         True,
         "Where gusts make the filter lag, regress on the angles that the vanes measure. Not for vanes whose errors "
