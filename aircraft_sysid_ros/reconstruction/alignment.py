@@ -57,6 +57,7 @@ LARGEST_GAP = 0.25  # [s] between IMU samples in the window
 SLOWEST_COURSE = 3.0  # [m/s] below it a GPS course is noise
 LARGEST_GPS_AGE = 1.5  # [s]
 POSITION_WINDOW = 2.0  # [s] of positions whose slope is a velocity
+LEAST_LEVEL = 0.2  # share of a magnetic field that is horizontal, below it there is no heading in it
 #: All kinds of GPS samples.
 GPS = frozenset((int(Kind.GPS_POSITION), int(Kind.GPS_VELOCITY)))
 
@@ -142,7 +143,7 @@ class Alignment:
         ``wind`` (3,) NED [m/s] and its standard deviations (3,) are what is known of the wind.
         """
         now = self._imu[-1][0]
-        if now - self._imu[0][0] < LEAST_WINDOW or self.origin is None:
+        if now - self._imu[0][0] < LEAST_WINDOW or self.origin is None or not self._imu_speaks():
             return None
         velocity = self._recent(Kind.GPS_VELOCITY, now, LARGEST_GPS_AGE)
         position = self._recent(Kind.GPS_POSITION, now, LARGEST_GPS_AGE)
@@ -169,7 +170,7 @@ class Alignment:
         """As ``start`` where only these kinds of GPS samples are there, fewer than all."""
         now = self._imu[-1][0]
         velocity = self._over_ground(now, gps)
-        if now - self._imu[0][0] < LEAST_WINDOW or (gps and velocity is None):
+        if now - self._imu[0][0] < LEAST_WINDOW or (gps and velocity is None) or not self._imu_speaks():
             return None
         if not gps and self.air_data(now) is None:
             return None
@@ -230,14 +231,14 @@ class Alignment:
         if self.air_data(now) is None:  # then there is a velocity
             return None if velocity is None else self._attitude(now, velocity, self._acceleration(), wind, wind_std)
         upright, up = np.array([0.0, 0.0, -1.0]), -self._gravity_in_body()
-        field = self._recent(Kind.MAGNETIC_FIELD, now, 1.0)
+        field = self._field(now, up)
         if velocity is not None:
             unsure = float(np.max(wind_std[:2])) + SLOPE_STD
             heading = np.hypot(HEADING_STD, unsure / max(float(np.linalg.norm(velocity)), SLOWEST_COURSE))
             rotation = triad(up, self._motion(now), upright, velocity - wind)
         elif field is not None:
             heading = MAGNETIC_HEADING_STD
-            rotation = _level_with_field(up, field[:3], upright, self._north())
+            rotation = triad(up, field, upright, self._north())
         else:
             heading = HEADING_STD
             rotation = triad(up, np.array([1.0, 0.0, 0.0]), upright, np.array([1.0, 0.0, 0.0]))
@@ -278,6 +279,19 @@ class Alignment:
             return np.zeros(3)
         (first, before), (last, after) = self._velocity[0], self._velocity[-1]
         return (after - before) / (last - first) if last - first > 0.15 else np.zeros(3)
+
+    def _imu_speaks(self) -> bool:
+        """Whether the accelerometer gives anything but zeros, which a driver sends before its sensor is ready."""
+        return any(value[:3].any() for _, value in self._imu)
+
+    def _field(self, now: float, up: Array) -> Array | None:
+        """Horizontal part (3,) of the magnetic field in body axes; None where it shows no heading: zeros, or steep."""
+        newest = self._recent(Kind.MAGNETIC_FIELD, now, 1.0)
+        if newest is None:
+            return None
+        field, down = newest[:3], -up / np.linalg.norm(up)
+        level = field - down * (down @ field)
+        return level if np.linalg.norm(level) > LEAST_LEVEL * np.linalg.norm(field) else None
 
     def _mean_force(self) -> Array:
         """Mean specific force (3,) in body axes of the newest sample: gyros turn earlier ones."""
@@ -322,12 +336,12 @@ class Alignment:
         if ground_speed > self._flying_speed:
             upward = acceleration - np.array([0.0, 0.0, self._gravity])
             return triad(force, self._motion(now), upward, through_air), level
-        field = self._recent(Kind.MAGNETIC_FIELD, now, 1.0)
+        field = self._field(now, force)
         if field is None:
             return None
         level[2, 2] = MAGNETIC_HEADING_STD**2
         upright = np.array([0.0, 0.0, -1.0])
-        return _level_with_field(force, field[:3], upright, self._north()), level
+        return triad(force, field, upright, self._north()), level
 
     def _has_angles(self, now: float) -> bool:
         return all(self._recent(kind, now, 0.5) is not None for kind in (Kind.ANGLE_OF_ATTACK, Kind.SIDESLIP))
@@ -353,17 +367,11 @@ def _triad_axes(first: Array, second: Array) -> Array:
     one = first / np.linalg.norm(first)
     two = cross_matrix(one) @ second
     size = np.linalg.norm(two)
-    if size < 1e-6 * np.linalg.norm(second):  # parallel (vertical flight): any direction across will do
+    if size <= 1e-6 * np.linalg.norm(second):  # parallel (vertical flight): any direction across will do
         two = cross_matrix(one) @ np.eye(3)[int(np.argmin(np.abs(one)))]
         size = np.linalg.norm(two)
     two = two / size
     return np.stack([one, two, cross_matrix(one) @ two], axis=1)
-
-
-def _level_with_field(force: Array, field: Array, upright: Array, north: Array) -> Array:
-    """Rotation from the specific force at rest and the horizontal part of the magnetic field."""
-    down = -force / np.linalg.norm(force)
-    return triad(force, field - down * (down @ field), upright, north)
 
 
 def _drop_before(queue: deque[tuple[float, Array]], time: float) -> None:
