@@ -9,7 +9,7 @@ from aircraft_sysid_ros.workbench.live_panels import (
     LivePanel,
     LiveParametersPanel,
     LiveStatePanel,
-    added_names,
+    added_words,
 )
 from aircraft_sysid_ros.workbench.panel import Panel
 from aircraft_sysid_ros.workbench.views.live import presence_sentence
@@ -52,7 +52,7 @@ class LivePage(Frame):
     def _facts(self) -> None:
         flight = self.session.flight
         newest = flight.errors[-1]["time"] if flight.errors else 0.0
-        text = markup.model_facts([f"{newest:.0f} s heard"], flight.model or "–", "", added_names(flight))
+        text = markup.model_facts([f"{newest:.0f} s heard"], flight.model or "–", "", added_words(flight))
         if text != self.facts.content:
             self.facts.show(text)
 

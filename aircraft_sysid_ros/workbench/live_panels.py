@@ -16,7 +16,7 @@ from aircraft_sysid_ros.workbench import markup
 from aircraft_sysid_ros.workbench.errors_panel import Errors
 from aircraft_sysid_ros.workbench.live_flight import ERRORS, MISSING, PARAMETERS, STATE, LiveFlight
 from aircraft_sysid_ros.workbench.panel import Html, Panel, card, fold, plot, side_tabs
-from aircraft_sysid_ros.workbench.side_panels import AddPanel, SidePanel
+from aircraft_sysid_ros.workbench.side_panels import UNDONE, AddPanel, ListedChange, SidePanel
 from aircraft_sysid_ros.workbench.views import live, states, track
 from aircraft_sysid_ros.workbench.views.candidates import EARLIER, Card
 from aircraft_sysid_ros.workbench.views.coefficients import ORDER
@@ -178,13 +178,11 @@ class LiveAddPanel(AddPanel):
         """What the node was asked to add."""
         return [item.text for item in self.page.session.flight.added]
 
-    def taken_out(self) -> Sequence[str]:
-        """A node does not tell."""
-        return ()
-
-    def back(self, label: str) -> tuple[str, str]:
-        """The node takes out what it has added."""
-        return REMOVE, label
+    def listed(self) -> list[ListedChange]:
+        """The node takes out what it has added; it does not tell what else has gone."""
+        texts = self.changes()
+        buttons = [*["Take out"] * (len(texts) - 1), UNDONE]
+        return [ListedChange(effect_name(t), b, (REMOVE, t)) for t, b in zip(texts, buttons, strict=False)]
 
 
 class LiveParametersPanel(LivePanel):
@@ -240,6 +238,7 @@ class LiveStatePanel(LivePanel):
             found.update_figure(figure)
 
 
-def added_names(flight: LiveFlight) -> list[str]:
-    """What was added from the page."""
-    return [effect_name(item.text) for item in flight.added]
+def added_words(flight: LiveFlight) -> list[str]:
+    """What was added from the page, in words; empty where nothing was."""
+    names = [effect_name(item.text) for item in flight.added]
+    return [f"with {', '.join(names)}"] if names else []

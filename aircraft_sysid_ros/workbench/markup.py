@@ -161,7 +161,7 @@ def help_list(items: Mapping[str, str]) -> Markup:
 
 
 def model_facts(begin: Sequence[str], model: str, name: str, changes: Sequence[str]) -> Markup:
-    """What a page shows, under the name of its aircraft; ``name`` is what the model is called."""
+    """What a page shows, under the name of its aircraft; ``name`` is that of the model, ``changes`` what it is with."""
     return _part("model_facts", begin, model, name, changes)
 
 

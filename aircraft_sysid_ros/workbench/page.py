@@ -18,7 +18,7 @@ from aircraft_sysid_ros.workbench.run_view import RunView
 from aircraft_sysid_ros.workbench.session import READS, Session
 from aircraft_sysid_ros.workbench.shelf import Shelf
 from aircraft_sysid_ros.workbench.versions_panel import VersionsPanel
-from aircraft_sysid_ros.workbench.views.history import effect_names
+from aircraft_sysid_ros.workbench.views.history import changed_from_first
 from aircraft_sysid_ros.workbench.worker import DIAGNOSE, RECORD
 
 #: Why less is compared than was recorded.
@@ -152,7 +152,7 @@ class Page(Frame):
     def _facts_text(self) -> str:
         view = self.view
         begin = (view.name, markup.lengths(view.lengths, COMPARED))
-        return markup.model_facts(begin, view.current, view.name_of(view.current), effect_names(view.changes))
+        return markup.model_facts(begin, view.current, view.name_of(view.current), changed_from_first(view.changes))
 
     def _say(self) -> None:
         """One line under the header: work under way, what came of the last, or why the run cannot be read."""

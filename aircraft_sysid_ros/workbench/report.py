@@ -28,7 +28,7 @@ from aircraft_sysid_ros.workbench.views import (
 )
 from aircraft_sysid_ros.workbench.views.candidates import moments_named
 from aircraft_sysid_ros.workbench.views.figure import DARK, LIGHT, Figure, Theme
-from aircraft_sysid_ros.workbench.views.history import effect_names, history
+from aircraft_sysid_ros.workbench.views.history import changed_from_first, history
 from aircraft_sysid_ros.workbench.views.parameters import IN_FLIGHT, OF_ALL, parameter_rows
 from aircraft_sysid_ros.workbench.views.words import sentence
 
@@ -98,7 +98,7 @@ def report_html(
     )
     state = _state(figures, view, record, truth) if record is not None else None
     facts = markup.model_facts(
-        (view.name, view.lengths), view.current, view.name_of(view.current), effect_names(view.changes)
+        (view.name, view.lengths), view.current, view.name_of(view.current), changed_from_first(view.changes)
     )
     return _whole(figures, view.aircraft, view.name, facts, run=run, state=state, calibrated=calibrated)
 
@@ -203,11 +203,17 @@ def _why(figures: _Figures, view: RunView) -> dict[str, Any]:
         if card.evidence is not None:
             made = candidates.evidence_figure(card.evidence, figures.theme)
             drawn = figures.add(made, f"the residual against the signal of {card.title}")
-        listed.append((card, noise, drawn))
+        has = candidates.is_in_model(card, found["model"], view.current, view.changes)
+        listed.append((card, noise, drawn, has))
     verdict, advice = candidates.verdict(found, view.current)
     of_shown = found["model"] == view.current
-    said = {"verdict": verdict, "advice": advice, "of_shown": of_shown, "has": view.changes}
-    return {"diagnosis": found, "candidates": listed, **said}
+    said = {"verdict": verdict, "advice": advice, "of_shown": of_shown}
+    return {
+        "diagnosis": found,
+        "candidates": listed,
+        "diagnosis_notes": candidates.beside_the_verdict(found, view.notes),
+        **said,
+    }
 
 
 def _parameters(view: RunView, truth: TruthView) -> dict[str, Any]:

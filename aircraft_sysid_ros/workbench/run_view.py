@@ -18,6 +18,7 @@ from aircraft_sysid_ros.diagnosis.model_versions.labels import NAMES, Labels, ne
 from aircraft_sysid_ros.diagnosis.model_versions.versions import (
     CURRENT,
     MODELS,
+    Change,
     Run,
     Version,
     changed_at,
@@ -65,7 +66,7 @@ class RunView:
     aircraft: str
     zero: int  # stamp [ns] from which times of the recording count
     current: str
-    changes: tuple[str, ...]  # what was added to the first version, in order
+    changes: Mapping[str, Change]  # of the first version, by what was added or taken away, in order
     versions: tuple[Version, ...]
     comparisons: Mapping[str, Comparison]  # by version
     diagnosis: Mapping[str, Any] | None
@@ -172,7 +173,7 @@ def load_run_view(
         aircraft=run.root.name,
         zero=flights.zero,
         current=run.current.identifier,
-        changes=tuple(run.current.changes),
+        changes=run.current.changes,
         versions=tuple(versions),
         comparisons=comparisons,
         diagnosis=_diagnosis(run.path, notes) if unwritten is None else unwritten,

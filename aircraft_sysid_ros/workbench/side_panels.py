@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Any, Protocol
 
 from nicegui import events, ui
@@ -12,6 +13,7 @@ from nicegui import events, ui
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, AXIS_WORDS
 from aircraft_sysid_ros.aircraft.signals import SIGNALS
 from aircraft_sysid_ros.diagnosis.model_versions.requests import parse_request
+from aircraft_sysid_ros.diagnosis.model_versions.versions import Change, Version
 from aircraft_sysid_ros.diagnosis.significance.error_regions import Place
 from aircraft_sysid_ros.effects import BY_ID, LIBRARY
 from aircraft_sysid_ros.errors import InputError
@@ -19,11 +21,19 @@ from aircraft_sysid_ros.spelling import nearest
 from aircraft_sysid_ros.workbench import markup
 from aircraft_sysid_ros.workbench.panel import Html, Panel, fold, plot
 from aircraft_sysid_ros.workbench.views import places
-from aircraft_sysid_ros.workbench.views.candidates import EVIDENCE_HEIGHT, Card, cards, evidence_figure, verdict
+from aircraft_sysid_ros.workbench.views.candidates import (
+    EVIDENCE_HEIGHT,
+    Card,
+    beside_the_verdict,
+    cards,
+    evidence_figure,
+    is_in_model,
+    verdict,
+)
 from aircraft_sysid_ros.workbench.views.coefficients import Span, time_of, whole
-from aircraft_sysid_ros.workbench.views.history import effect_name
+from aircraft_sysid_ros.workbench.views.history import effect_name, is_removal
 from aircraft_sysid_ros.workbench.views.words import quantity_of, typeset
-from aircraft_sysid_ros.workbench.worker import ADD, DIAGNOSE, REMOVE, Job
+from aircraft_sysid_ros.workbench.worker import ADD, DIAGNOSE, REMOVE, RETURN, Job
 
 _SPANS = re.compile(r"(\d+) to (\d+) s")
 
@@ -141,6 +151,7 @@ class WhyPanel(SidePanel):
             self.changing(button)
         self._words = Html().classes("soft").style("margin-bottom:6px")
         self._cards = ui.element("div").style("width:100%").props("data-testid=cards")
+        self._notes = ui.element("div").style("margin-top:10px").props("data-testid=diagnosis-notes")
         self._drawn: list[tuple[Any, Card]] = []
         self._shown: Any = None
         self.update()
@@ -155,6 +166,7 @@ class WhyPanel(SidePanel):
             return
         self._shown, self._drawn = (found, view.current), []
         self._cards.clear()
+        self._notes.clear()
         if found is None:
             self._verdict.text = "Not looked for yet"
             self._words.show(
@@ -164,6 +176,9 @@ class WhyPanel(SidePanel):
             return
         self._verdict.text, words = verdict(found, view.current)
         self._words.show(typeset(words))
+        with self._notes:
+            for text in beside_the_verdict(found, view.notes):
+                Html(typeset(text)).classes("soft small")
         known = view.comparisons.get(found["model"], view.comparison)
         with self._cards:
             for number, card in enumerate(cards(found, known.flight)):
@@ -171,7 +186,8 @@ class WhyPanel(SidePanel):
                 self._card(card, number, floor)
 
     def _card(self, card: Card, number: int, floor: float | None) -> None:
-        has = card.key in self.page.view.changes
+        view = self.page.view
+        has = is_in_model(card, view.diagnosis["model"], view.current, view.changes)
         note = "in the model" if has else "missing" if card.found else "weaker"
         caption = f"{AXIS_WORDS[card.main_axis]} {card.gain} · {note}"
         with fold(card.title, f"card-{number}", caption).classes("top-card" if number == 0 else "") as box:
@@ -181,7 +197,7 @@ class WhyPanel(SidePanel):
             with ui.row().style("gap:10px; margin-top:10px"):
                 add = ui.button("Add to the model", on_click=lambda: self.do(ADD, card.key))
                 add.props(f"unelevated data-testid=add-{number}")
-                add.set_visibility(not has)
+                add.set_visibility(card.is_to_add and not has)
                 self.changing(add)
                 spans = [(float(a), float(b)) for a, b in _SPANS.findall(card.where)]
                 if spans:
@@ -195,6 +211,43 @@ class WhyPanel(SidePanel):
         with where:
             figure = evidence_figure(card.evidence, self.page.look.theme)
             self._drawn.append((plot(figure, f"the residual against the signal of {card.title}"), card))
+
+
+#: The button of the last change.
+UNDONE = "Undo"
+
+
+@dataclass(frozen=True)
+class ListedChange:
+    """One change for people: what it is, the button that takes it back, and the job that this begins."""
+
+    words: str
+    button: str
+    back: tuple[str, str]
+
+
+def listed_changes(version: Version, before: Version | None) -> list[ListedChange]:
+    """Changes of a version and what is gone since ``before``, that it was made from; the last change can be undone.
+
+    Where the last change was one of something that was there before, as an effect that was added once more, to undo it
+    is to go back to the version before.
+    """
+    old = {} if before is None else before.changes
+    rows = {label: _listed(label, change, is_there=True) for label, change in version.changes.items()}
+    rows |= {label: _listed(label, old[label], is_there=False) for label in old if label not in version.changes}
+    last = [label for label in rows if old.get(label) != version.changes.get(label)]
+    for label in last[-1:]:
+        is_alone = len(last) == 1 and (label in old) != (label in version.changes)
+        back = rows[label].back if is_alone or before is None else (RETURN, before.identifier)
+        rows[label] = ListedChange(rows[label].words, UNDONE, back)
+    return list(rows.values())
+
+
+def _listed(label: str, change: Change, *, is_there: bool) -> ListedChange:
+    """A change that is in the model, or one that was in it before."""
+    is_added = is_there != is_removal(change)  # terms are in the model by it, or because it is gone
+    words = effect_name(label) + ("" if is_there and is_added else ": put back" if is_added else ": taken out")
+    return ListedChange(words, "Take out" if is_added else "Put back", (REMOVE if is_added else ADD, label))
 
 
 class AddPanel(SidePanel):
@@ -232,44 +285,32 @@ class AddPanel(SidePanel):
         """After a change of the run."""
         self._help.show(markup.term_help((*SIGNALS, *self.inputs())))
         self._added.clear()
-        changes, gone = self.changes(), self.taken_out()
         with self._added:
-            if not changes:
+            if not self.changes():
                 ui.label(self.nothing).classes("soft")
-            for label in changes:
-                last = label == changes[-1] and not gone
-                self._listed(effect_name(label), self.back(label), is_last=last)
-            for label in gone:
-                self._listed(f"{effect_name(label)}: taken out", (ADD, label), is_last=True)
+            for change in self.listed():
+                self._row(change)
 
-    def _listed(self, words: str, back: tuple[str, str], *, is_last: bool) -> None:
+    def _row(self, change: ListedChange) -> None:
         """One change, and the button that takes it back."""
         with ui.row().style("align-items:center; width:100%; flex-wrap:nowrap; gap:10px"):
-            ui.label(words).style("flex:1 1 auto")
-            button = ui.button("Undo" if is_last else "Take out", on_click=lambda: self.do(*back))
-            self.changing(button.props("flat dense" + (" data-testid=undo" if is_last else "")))
+            ui.label(change.words).style("flex:1 1 auto")
+            button = ui.button(change.button, on_click=lambda: self.do(*change.back))
+            self.changing(button.props("flat dense" + (" data-testid=undo" if change.button == UNDONE else "")))
 
     def inputs(self) -> tuple[str, ...]:
         """Named inputs of the aircraft file."""
         return self.page.view.flight.model.inputs
 
     def changes(self) -> Sequence[str]:
-        """What was added, in order."""
+        """What was added or taken away, in order."""
         return list(self.page.view.changes)
 
-    def taken_out(self) -> Sequence[str]:
-        """What the last change took out of what was added."""
-        view = self.page.view
-        known = {version.identifier: version for version in view.versions}
-        before = next((known[v] for v in known[view.current].parents if v in known), None)
-        return [label for label in before.changes if label not in view.changes] if before is not None else []
-
-    def back(self, label: str) -> tuple[str, str]:
-        """The job that undoes a change: what was taken out is added again."""
-        view = self.page.view
-        current = next(v for v in view.versions if v.identifier == view.current)
-        change = current.changes[label]
-        return (REMOVE if change.terms or change.settings else ADD), label
+    def listed(self) -> list[ListedChange]:
+        """All changes of the version, and what the last one took out of them."""
+        known = {version.identifier: version for version in self.page.view.versions}
+        current = known[self.page.view.current]
+        return listed_changes(current, next((known[v] for v in current.parents if v in known), None))
 
     def _check(self, event: events.ValueChangeEventArguments[Any]) -> None:
         self._complain(str(event.value or ""))

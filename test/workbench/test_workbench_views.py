@@ -17,6 +17,7 @@ from aircraft_sysid_ros.after_flight import diagnose
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.commands.main import main
 from aircraft_sysid_ros.diagnosis.frequency_responses import RateResponse, rate_responses
+from aircraft_sysid_ros.diagnosis.model_versions.versions import Change
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.workbench import markup
 from aircraft_sysid_ros.workbench.guard import SameOrigin
@@ -365,6 +366,9 @@ CANDIDATE = {
 }  # fmt: skip
 
 
+ADDED = Change(terms={"CX": ("beta**2",)})
+
+
 def test_the_file_says_of_which_model_something_was_missing(view) -> None:
     """What was found before it was added is not missing of the model that is shown."""
     found = {"verdict": "missing", "advice": "add it", "model": view.current, "candidates": [CANDIDATE]}
@@ -377,7 +381,7 @@ def test_the_file_says_of_which_model_something_was_missing(view) -> None:
 def test_names_from_outside_are_text(view, hidden_effect) -> None:
     """Of recording, aircraft, effect, parameter and version: the page has the elements that it has without them."""
     found = {"verdict": "missing", "advice": "add it", "model": view.current, "candidates": [CANDIDATE]}
-    plain = replace(view, notes=("note",), diagnosis=found, changes=["effect"])
+    plain = replace(view, notes=("note",), diagnosis=found, changes={"effect": ADDED})
 
     def hostile(words: str) -> str:
         return f"<script>alert('{words}')</script><img src=x onerror=alert(1)>&amp;"
@@ -391,7 +395,7 @@ def test_names_from_outside_are_text(view, hidden_effect) -> None:
         aircraft=hostile("aircraft"),
         name=hostile("recording"),
         notes=(hostile("note"),),
-        changes=[hostile("effect")],
+        changes={hostile("effect"): ADDED},
         diagnosis=found | {"advice": hostile("advice"), "candidates": [CANDIDATE | worded]},
         parameters={view.current: [named, *others]},
     )

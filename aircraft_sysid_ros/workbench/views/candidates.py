@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.expression import Program
 from aircraft_sysid_ros.diagnosis.flight.flight_data import FlightData
+from aircraft_sysid_ros.diagnosis.model_versions.versions import Change
 from aircraft_sysid_ros.diagnosis.search.candidates import TIMES_OF_CHANGE
 from aircraft_sysid_ros.diagnosis.search.fit import fit_axis
 from aircraft_sysid_ros.diagnosis.words import chosen_anew, headline
@@ -19,6 +20,7 @@ from aircraft_sysid_ros.effects import BY_ID
 from aircraft_sysid_ros.effects.effect import END, FULL
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.workbench.views.figure import Figure, Theme, axis, encoded, figure, line
+from aircraft_sysid_ros.workbench.views.history import is_removal
 from aircraft_sysid_ros.workbench.views.words import Quantity, chance, percent, quantity_of, rounded, sentence, symbol
 
 Array = npt.NDArray[np.float64]
@@ -37,6 +39,13 @@ def verdict(found: Mapping[str, Any], current: str) -> tuple[str, str]:
     if found["model"] == current:
         return sentence(headline(found)), str(found["advice"])
     return EARLIER, f"This was found for model {found['model']}. Diagnose again to see what is missing now."
+
+
+def beside_the_verdict(found: Mapping[str, Any], said: Sequence[str] = ()) -> list[str]:
+    """What a diagnosis says of itself, without what is ``said`` already, and which effects the flight cannot show."""
+    notes = [f"Note: {note}." for note in found.get("notes", ()) if note not in said]
+    unseen = "; ".join(f"{each['name']} ({each['why']})" for each in found.get("cannot_show", ()))
+    return [*notes, f"This flight could not show: {unseen}."] if unseen else notes
 
 
 @dataclass(frozen=True)
@@ -71,6 +80,7 @@ class Card:
     evidence: Evidence | None
     chosen_anew: str = ""  # what is named without each part of the flight
     how_large: str = ""  # in newtons, and as the number that its physics means
+    is_to_add: bool = True  # else no term or setting of the model stands for it
 
     @property
     def gain(self) -> str:
@@ -118,7 +128,16 @@ def _card(candidate: Mapping[str, Any], flight: FlightData) -> Card:
         numbers=tuple(numbers),
         evidence=evidence(flight, main, terms[main]) if main in terms else None,
         chosen_anew=chosen_anew(candidate),
+        is_to_add=candidate.get("is_to_add", True),
     )
+
+
+def is_in_model(card: Card, found_for: str, current: str, changes: Mapping[str, Change]) -> bool:
+    """Whether the current version has by now what was found for an earlier one.
+
+    What was found for the current version itself is missing there, where the effect was added once before, too.
+    """
+    return found_for != current and card.key in changes and not is_removal(changes[card.key])
 
 
 def _fitted(parameter: Mapping[str, Any]) -> str:

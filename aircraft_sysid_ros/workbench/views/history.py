@@ -55,14 +55,19 @@ def version_words(version: Version) -> str:
 
 def change_words(label: str, change: Change) -> str:
     """One change in words."""
-    if change.without and not (change.terms or change.settings):
-        return f"without {label}"
-    return f"with {label}"
+    return f"without {label}" if is_removal(change) else f"with {label}"
 
 
-def effect_names(labels: Sequence[str]) -> list[str]:
-    """What was added, in words."""
-    return [effect_name(label) for label in labels]
+def is_removal(change: Change) -> bool:
+    """Whether it is terms of the first version that have gone, and nothing that was added."""
+    return bool(change.without) and not (change.terms or change.settings)
+
+
+def changed_from_first(changes: Mapping[str, Change]) -> list[str]:
+    """What a version has that the first one has not, and what has gone from that, in words."""
+    added = [effect_name(label) for label, change in changes.items() if not is_removal(change)]
+    gone = [label for label, change in changes.items() if is_removal(change)]
+    return [f"{word} {', '.join(names)}" for word, names in (("with", added), ("without", gone)) if names]
 
 
 def effect_name(label: str) -> str:
