@@ -11,6 +11,7 @@ from aircraft_sysid_ros.identification.estimators.by_name import ESTIMATORS
 from aircraft_sysid_ros.identification.options import STRUCTURE, ParameterOptions
 from aircraft_sysid_ros.pipeline import Pipeline
 from aircraft_sysid_ros.reconstruction.options import StateOptions
+from aircraft_sysid_ros.samples import Kind
 from aircraft_sysid_ros.simulation.simulated_flight import simulate_samples
 
 CHANGED = {"excitation": 100.0, "settle": 0.3, "largest_gap": 0.005, "error_window": 5.0}
@@ -24,11 +25,11 @@ def short(aircraft):
 def flown(flight, name, changed, block=500, at=0.5, lost=0.0):
     """Parameters after a flight in which options changed at a share ``at`` of its samples.
 
-    lost: how long [s] nothing came, later.
+    lost: how long [s] the IMU was silent, later.
     """
     options = ParameterOptions(estimator=name)
     seconds = 1e-9 * (flight.samples.stamp - flight.samples.stamp.min())
-    kept = np.abs(seconds - 0.7 * seconds.max()) >= 0.5 * lost
+    kept = (flight.samples.kind != Kind.IMU) | (np.abs(seconds - 0.7 * seconds.max()) >= 0.5 * lost)
     samples, half = flight.samples[kept], int(at * len(flight.samples))
     pipeline = Pipeline(flight.aircraft, None, options)
     for part in (samples[:half], samples[half:]):
