@@ -217,4 +217,5 @@ class CalibrationPage(Frame):
         self.notice(folder.damage, is_bad=bool(folder.damage))
         if folder.revision != self._seen:
             self._seen = folder.revision
+            self.heading.text = self.name
             self.panels["Calibration"].refresh()

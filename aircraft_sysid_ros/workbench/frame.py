@@ -97,7 +97,7 @@ class Frame(ABC):
         with ui.element("header").classes("top"):
             with ui.element("div").classes("top-inner"):
                 with ui.element("div").classes("who"):
-                    ui.label(self.name).classes("name")
+                    self.heading = ui.label(self.name).classes("name")
                     self.facts = Html().classes("facts").props("data-testid=facts")
                 self.header_extras()
                 with ui.tabs().props("no-caps inline-label aria-label=Views") as self.tabs:

@@ -126,6 +126,7 @@ class Page(Frame):
             if self._view is not None and not self._view.is_of_flight(self.view.signature):
                 self.look.window, self.look.marks = None, []  # in the flight that was there before
             self._view, self._record = session.view, session.record
+            self.heading.text = self.name  # of another aircraft, where the run was written anew
             self.facts.show(self._facts_text())
             if self.look.beside not in self.view.comparisons:
                 self.look.beside = None

@@ -188,7 +188,7 @@ def _where(figures: _Figures, view: RunView) -> dict[str, Any]:
     for axis, x, y in shown:
         made = places.map_figure(places.residual_map(view.comparison, axis, x, y), figures.theme)
         maps.append((axis, figures.add(made, f"map of {axis}")))
-    return {"worst": worst, "maps": maps, "nowhere": places.NOWHERE}
+    return {"worst": worst, "maps": maps, "nowhere": places.nowhere(view.comparison)}
 
 
 def _why(figures: _Figures, view: RunView) -> dict[str, Any]:

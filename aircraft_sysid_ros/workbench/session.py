@@ -180,6 +180,7 @@ class Session:
         if answer.view is not None:
             if self.view is not None and not self.view.is_of_flight(answer.view.signature):
                 self.record, self.record_problem = None, ""  # of the flight that was there before
+                self.sentence, self.is_bad = "", False
             self.view, self.damage = answer.view, ""
         is_calibrated = CALIBRATE in (answer.job.kind, answer.job.text.partition(" ")[0])  # or taken back
         if answer.view is not None and (is_calibrated or self.calibration is None):

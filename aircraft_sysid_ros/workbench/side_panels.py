@@ -119,7 +119,7 @@ class WherePanel(SidePanel):
         worst = self.page.view.comparison.worst
         with self._list:
             if not worst:
-                ui.label(places.NOWHERE)
+                ui.label(places.nowhere(self.page.view.comparison))
             for place in worst:
                 self._row(place)
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -11,11 +13,25 @@ from aircraft_sysid_ros.workbench.calibration_panel import CalibrationPage
 from aircraft_sysid_ros.workbench.live_page import LivePage
 from aircraft_sysid_ros.workbench.page import Page
 from aircraft_sysid_ros.workbench.shelf_page import ShelfPage
-from aircraft_sysid_ros.workbench.views import figure, states, track
+from aircraft_sysid_ros.workbench.views import candidates, figure, places, states, track
 from aircraft_sysid_ros.workbench.views.coefficients import NO_DATA, AxisRow
 from aircraft_sysid_ros.workbench.views.history import VersionRow
 
 WHY = "CY cannot be fitted: it needs dr"
+
+
+@pytest.fixture
+def view_of_failure():
+    """What a card says was fitted of an engine that stopped, with some numbers of its own."""
+
+    def numbers(inner):
+        candidate = dict.fromkeys(("name", "physics", "label", "where", "manoeuvre"), "")
+        candidate |= {"effect": "loss_of_thrust", "expression": None, "terms": {}, "main_axis": "CX", "p_value": 0.01}
+        candidate |= {"error_before": 0.3, "error_after": 0.1, "found": True, "confounded_with": [], "parameters": []}
+        (card,) = candidates.cards({"candidates": [{**candidate, "inner": inner}]}, None)
+        return card.numbers
+
+    return numbers
 
 
 def test_a_wind_that_is_not_estimated_in_flight_is_no_number() -> None:
@@ -67,3 +83,18 @@ def test_errors_on_a_flight_that_was_fitted_are_not_called_others(is_one_flight)
     table = markup.errors_of_flights(both)
     assert ("that was not fitted" in table) == (not is_one_flight)
     assert ("as it was fitted to this flight" in table) == is_one_flight
+
+
+@pytest.mark.parametrize(("fails", "is_told"), [((False, None), True), ((None, None), False)])
+def test_where_nothing_can_be_judged_it_is_not_said_that_nothing_fails(fails, is_told) -> None:
+    """Beside "too few to judge it" the page and the file said that no stretch of time is worse than noise."""
+    axes = {name: SimpleNamespace(fails=said) for name, said in zip(("CX", "CY"), fails, strict=True)}
+    said = places.nowhere(SimpleNamespace(axes=axes))
+    assert said.startswith("Nowhere") == is_told
+
+
+@pytest.mark.parametrize("name", ["t0", "t3", "full"])
+def test_moments_of_a_failure_have_their_unit(view_of_failure, name) -> None:
+    """An engine that stops is no effect of the library, and something may be stuck twice."""
+    (number,) = view_of_failure({name: 74.4})
+    assert number == f"{name} = 74.4 s"

@@ -169,9 +169,10 @@ def test_changes_that_are_named_stand_in_the_figures_and_their_key_in_the_legend
         {"found": True, "inner": {"onset": 0.2, "width": 0.02}},
         {"found": False, "inner": {"t0": 3.0}},
         {"found": True, "inner": {"t0": 12.0, "full": 20.0}},
+        {"found": True, "inner": {"t0": 12.0, "t1": 20.0, "t2": 50.0, "t3": 52.0}},
     ]
     moments = candidates.moments_named({"candidates": found})
-    assert moments == [12.0, 20.0, 31.5] and candidates.moments_named(None) == []
+    assert moments == [12.0, 20.0, 31.5, 50.0, 52.0] and candidates.moments_named(None) == []
     window = (15.0, 40.0)
     shapes = coefficients.coefficient_figure(view.comparison, "CZ", figure.LIGHT, window, moments=moments)["layout"][
         "shapes"

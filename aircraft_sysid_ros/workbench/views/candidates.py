@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -96,7 +97,12 @@ class Card:
 def moments_named(diagnosis: Mapping[str, Any] | None) -> list[float]:
     """Times [s] at which a change that is named begins, is complete, or ends."""
     found = [c["inner"] for c in (diagnosis or {}).get("candidates", ()) if c["found"]]
-    return sorted({inner[name] for inner in found for name in TIMES_OF_CHANGE if name in inner})
+    return sorted({time for inner in found for name, time in inner.items() if _is_time_of_change(name)})
+
+
+def _is_time_of_change(name: str) -> bool:
+    """Whether a number of a candidate is a moment: a failure may come and go several times, t0 to t1, t2 to t3."""
+    return name in TIMES_OF_CHANGE or re.fullmatch(r"t\d+", name) is not None
 
 
 def cards(diagnosis: Mapping[str, Any], flight: FlightData) -> list[Card]:
@@ -148,8 +154,8 @@ def _fitted(parameter: Mapping[str, Any]) -> str:
 
 
 def _unit(effect: str | None, name: str) -> str:
-    if effect is None:
-        return " s"  # the moment of a change
+    if effect is None or _is_time_of_change(name):
+        return " s"
     inner = (*BY_ID[effect].inner, END, FULL) if effect in BY_ID else ()
     return next((f" {number.unit}" for number in inner if number.name == name and number.unit), "")
 

@@ -13,6 +13,7 @@ from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.diagnosis.compare import Comparison
 from aircraft_sysid_ros.diagnosis.flight.flight_data import FlightData
 from aircraft_sysid_ros.diagnosis.significance.error_regions import Place, cells
+from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS
 from aircraft_sysid_ros.workbench.views.coefficients import time_of
 from aircraft_sysid_ros.workbench.views.figure import Figure, Theme, axis, encoded, figure
 from aircraft_sysid_ros.workbench.views.words import quantity_of
@@ -161,11 +162,17 @@ def window_around(spans: list[Span], whole: Span) -> Span:
     return max(begin - room, whole[0]), min(end + room, whole[1])
 
 
-#: Where nothing fails; the map beside it may have dark cells all the same.
+#: Where nothing fails; the map beside it may have dark cells all the same. And where that cannot be said.
+NOT_JUDGED = f"That cannot be said: {THRESHOLDS.shortest:g} s of flight that show what the model leaves are needed."
 NOWHERE = (
     "Nowhere: no stretch of time and no part of the flight envelope is worse than noise alone makes one of so many. "
     "Of the cells of a map, too, noise alone makes a few stand out."
 )
+
+
+def nowhere(comparison: Comparison) -> str:
+    """What is said where no place fails: so it is, or the flight is too short to tell in any axis."""
+    return NOWHERE if any(axis.fails is False for axis in comparison.axes.values()) else NOT_JUDGED
 
 
 def first_axis(comparison: Comparison) -> str:
