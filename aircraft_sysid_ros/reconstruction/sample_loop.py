@@ -28,7 +28,14 @@ from aircraft_sysid_ros.reconstruction.sensor_noise import (
     learn_imu,
 )
 from aircraft_sysid_ros.reconstruction.smoother_history import HAS_ROW, record_step
-from aircraft_sysid_ros.reconstruction.sparse_imu import is_sparse, mean_beyond_line, second_difference
+from aircraft_sysid_ros.reconstruction.sparse_imu import (
+    LONG,
+    hidden_motion,
+    is_sparse,
+    mean_beyond_line,
+    note_motion,
+    second_difference,
+)
 from aircraft_sysid_ros.reconstruction.state import AIR_VELOCITY, ERROR_SIZE, NO_GUIDE, Memory, Setup
 from aircraft_sysid_ros.reconstruction.state_row import write_row
 from aircraft_sysid_ros.samples import Kind
@@ -154,6 +161,10 @@ def _look_at_interval(
         beyond = mean_beyond_line(0.0, 1.0, interval)
         of_force += np.sum((beyond * bend[0:3]) ** 2) / 3.0
         of_rate += np.sum((beyond * bend[3:6]) ** 2) / 3.0
+    elif interval > LONG:
+        hidden = hidden_motion(interval, values, memory)
+        of_force += hidden[0]
+        of_rate += hidden[1]
     density[0], density[1] = of_force * interval, of_rate * interval
 
 
@@ -182,6 +193,7 @@ def _between(begin: Array, end: Array, elapsed: float, interval: float, out: Arr
 def _note_imu(time: float, values: Array, memory: Memory) -> None:
     """Keep the sample of the IMU that has been reached, and the one before it."""
     if time > memory.imu[0]:
+        note_motion(time - memory.imu[0], values, memory)
         memory.imu_before[:] = memory.imu
     memory.imu[0] = time
     memory.imu[1:7] = values[0:6]

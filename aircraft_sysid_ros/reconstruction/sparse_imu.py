@@ -11,6 +11,10 @@ the sample, as the error of a Runge-Kutta step is taken from a pair of them. In 
 sample that was lost it is much.
 
 Dense and sparse is told by stamps alone: more than half of the newest intervals are longer than LONG.
+
+A hole among dense samples, where a logger waited or a link lost packets, is integrated along the line, and that misses
+up to x^2 / 3 of the motion. How large that is, the last second says, or the step across the hole where it is more; it
+is added to the variance of the sample. Slopes beside the hole say less: in them the noise of dense samples is large.
 """
 
 from __future__ import annotations
@@ -27,6 +31,9 @@ Array = npt.NDArray[np.float64]
 LONG = 0.025
 #: Votes for sparse go up to this, one per interval: a lost sample here and there does not make half of them.
 _MOST_VOTES = 24
+#: Motion in a hole is as quick as this [rad/s], and as large as it was in this time [s]. Judgements: short periods and
+#: rolls of small aeroplanes have about 1 Hz, those of larger ones less.
+_QUICK, _LATELY = 2.0 * np.pi, 1.0
 
 
 @njit(cache=True)
@@ -61,3 +68,27 @@ def second_difference(time: float, values: Array, longest: float, memory: Memory
 def mean_beyond_line(a: float, b: float, interval: float) -> float:
     """Mean of (t - t0) (t - t1) [s^2] from the share ``a`` to the share ``b`` of an interval [s]."""
     return interval * interval * ((a * a + a * b + b * b) / 3.0 - 0.5 * (a + b))
+
+
+@njit(cache=True)
+def note_motion(interval: float, values: Array, memory: Memory) -> None:
+    """Mean and variance of what the IMU has measured lately, with one more sample ``interval`` [s] after the last."""
+    gain = min(interval / _LATELY, 1.0)
+    for i in range(6):
+        away = values[i] - memory.motion[0, i]
+        memory.motion[0, i] += gain * away
+        memory.motion[1, i] = (1.0 - gain) * (memory.motion[1, i] + gain * away * away)
+
+
+@njit(cache=True)
+def hidden_motion(interval: float, values: Array, memory: Memory) -> tuple[float, float]:
+    """Variance of the mean specific force [(m/s^2)^2] and angular rate [(rad/s)^2] over a hole of ``interval`` [s]
+    before a sample, for what the line across it misses: that of the axis with most.
+    """
+    missed = min((0.5 * _QUICK * interval) ** 2 / 3.0, 1.0) ** 2
+    force = rate = 0.0
+    for i in range(6):
+        step = 0.5 * (values[i] - memory.imu[1 + i])
+        of_axis = missed * max(memory.motion[1, i], step * step)
+        force, rate = (max(force, of_axis), rate) if i < 3 else (force, max(rate, of_axis))
+    return force, rate

@@ -6,7 +6,13 @@ import numpy as np
 import pytest
 from slow_flights import all_thinned, fast_flight, file_of_users, thinned
 
-from aircraft_sysid_ros.reconstruction.sparse_imu import is_sparse, mean_beyond_line, second_difference
+from aircraft_sysid_ros.reconstruction.sparse_imu import (
+    hidden_motion,
+    is_sparse,
+    mean_beyond_line,
+    note_motion,
+    second_difference,
+)
 from aircraft_sysid_ros.reconstruction.state import StateField, new_memory
 from aircraft_sysid_ros.reconstruction.state_estimator import StateEstimator
 from aircraft_sysid_ros.samples import Kind
@@ -104,3 +110,44 @@ def test_states_of_a_slow_imu_are_as_near_as_the_filter_says(shown) -> None:
     assert 0.5 < np.mean(across[late] ** 2) < 1.3
     assert 0.4 < np.mean(ground[late] ** 2) < 1.8
     assert all(0.6 < value < 1.2 for value in estimator.innovation_consistency().values())
+
+
+@pytest.mark.parametrize(("hole", "every"), [(0.1, 1.0), (0.2, 2.0), (0.45, 10.0)])
+def test_a_hole_in_a_dense_imu_leaves_in_doubt_what_it_hides(hole: float, every: float) -> None:
+    """As of a logger that waits, or a link that loses packets: the straight line across it was believed, and the filter
+    lost.
+    """
+    flight = fast_flight(7)
+    samples = flight.samples
+    time = (samples.stamp - samples.stamp[0]) * 1e-9
+    estimator = StateEstimator(file_of_users())
+    lost = (samples.kind == Kind.IMU) & (time % every < hole) & (time > every)
+    rows = np.vstack([estimator.push(samples[~lost]), estimator.flush()])
+    assert estimator.epoch is not None and estimator.realignments == 0
+    time = rows[:, StateField.TIME] + (estimator.epoch - int(flight.biases.stamp[0])) * 1e-9
+    truth, late, std = flight.truth.at(time), time > 20.0, rows[:, StateField.STANDARD_DEVIATIONS]
+    ground = (truth.velocity - rows[:, StateField.VELOCITY]) / std[:, :3]
+    wind = (truth.wind - rows[:, StateField.WIND]) / rows[:, StateField.WIND_STD]
+    bias = (flight.biases.gyro[-1] - rows[-1, StateField.GYRO_BIAS]) / std[-1, 12:15]
+    assert np.mean(ground[late] ** 2) < 2.0 and np.mean(wind[late] ** 2) < 3.0 and np.abs(bias).max() < 4.0
+
+
+def test_in_steady_flight_a_hole_hides_nothing_and_in_motion_a_share_of_it() -> None:
+    """A sine of 1 Hz: what is said is what the line across a hole misses, or somewhat more where it is wide."""
+    memory, dt = new_memory(len(Kind), 0.1), 0.01
+    for _ in range(3000):
+        note_motion(dt, np.ones(6), memory)
+    memory.imu[1:7] = 1.0
+    assert max(hidden_motion(0.4, np.ones(6), memory)) == pytest.approx(0.0, abs=1e-6)
+    omega = 2.0 * np.pi
+    for hole in (0.05, 0.1, 0.2, 0.4):
+        missed, said = [], []
+        for k in range(1, 3000):
+            now, until = k * dt, k * dt + hole
+            note_motion(dt, np.full(6, np.sin(omega * now)), memory)
+            if k > 1000:
+                memory.imu[1:7] = np.sin(omega * now)
+                exact = (np.cos(omega * now) - np.cos(omega * until)) / (omega * hole)
+                missed.append(exact - 0.5 * (np.sin(omega * now) + np.sin(omega * until)))
+                said.append(hidden_motion(hole, np.full(6, np.sin(omega * until)), memory)[1])
+        assert 0.9 < np.mean(said) / np.mean(np.square(missed)) < 2.0
