@@ -71,7 +71,7 @@ class Missing(NamedTuple):
             return ""
         return (
             f"rests on {listed(angles)}, which no vane measures: wind and attitude have shown "
-            f"{'them' if len(angles) > 1 else 'it'} for {seconds:.0f} s, and {needed_seconds:.0f} s are needed"
+            f"{'them' if len(angles) > 1 else 'it'} for {int(seconds)} of the {needed_seconds:.0f} s that are needed"
         )
 
     def _not_inferred(self, needed: tuple[str, ...]) -> str:

@@ -135,11 +135,15 @@ def test_bad_input_is_one_sentence(bag, tmp_path, capsys):
     assert "for the five-hole probe" in says(capsys, "magnetometer", bag, "--curve", "cubic")
     assert "not a folder that can be written" in says(capsys, *probe, "--out", tmp_path / "file" / "sub")
     scaled = yaml.safe_load(config_path(CALIBRATION_AIRCRAFT).read_text())
-    for sensor, key in (("airspeed", "scale"), ("angle_of_attack", "offset"), ("sideslip", "drift")):
-        content = {**scaled, "sensors": {**scaled.get("sensors", {}), sensor: {"noise": 0.3, key: 0.9}}}
+    for sensor, key, value in (
+        ("airspeed", "scale", 0.9),
+        ("angle_of_attack", "offset", 0.1),
+        ("sideslip", "drift", 0.001),
+    ):
+        content = {**scaled, "sensors": {**scaled.get("sensors", {}), sensor: {"noise": 0.3, key: value}}}
         (tmp_path / "scaled.yaml").write_text(yaml.safe_dump(content))
         said = says(capsys, "five-hole", bag, "--aircraft", tmp_path / "scaled.yaml")
-        assert f"{key} of 0.9 for {sensor}, which would come on top of this calibration" in said
+        assert f"{key} of {value:g} for {sensor}, which would come on top of this calibration" in said
     assert "choose from" in _usage(capsys, "gyro", bag)
 
 

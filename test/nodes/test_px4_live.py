@@ -23,7 +23,7 @@ from px4_agent import SERVOS, px4_messages
 
 pytestmark = pytest.mark.usefixtures("domain")
 AGENT = Path(__file__).resolve().parents[1] / "mavlink" / "px4_agent.py"
-DURATION = 45.0
+DURATION = 60.0
 
 
 @pytest.fixture
