@@ -47,7 +47,7 @@ _MAGNETIC_FIELD = int(Kind.MAGNETIC_FIELD)
 _AIRSPEED, _ALPHA, _BETA = int(Kind.AIRSPEED), int(Kind.ANGLE_OF_ATTACK), int(Kind.SIDESLIP)
 _GPS_POSITION, _GPS_VELOCITY = int(Kind.GPS_POSITION), int(Kind.GPS_VELOCITY)
 
-RUNNING, GAP, DIVERGED = 0, 1, 2
+RUNNING, GAP, DIVERGED, ELSEWHERE = 0, 1, 2, 3
 
 
 @njit(cache=True)
@@ -141,6 +141,25 @@ def _has_diverged(time: float, last_fused: Array, last_rejected: Array, setup: S
 
 
 @njit(cache=True)
+def _is_elsewhere(time: float, last_fused: Array, last_rejected: Array, setup: Setup) -> bool:
+    """GPS position rejected for ``divergence_time`` without a break beside a velocity that is fused: it has leapt, as
+    where a receiver finds a better fix.
+    """
+    if setup.guide != _GPS_VELOCITY or last_fused[_GPS_VELOCITY] < last_rejected[_GPS_VELOCITY]:
+        return False
+    is_fused = time - last_fused[_GPS_VELOCITY] < setup.divergence_time
+    return bool(is_fused and last_rejected[_GPS_POSITION] - last_fused[_GPS_POSITION] > setup.divergence_time)
+
+
+@njit(cache=True)
+def _doubted(time: float, last_fused: Array, last_rejected: Array, setup: Setup) -> int:
+    """DIVERGED or ELSEWHERE where the GPS contradicts the state for long, else RUNNING."""
+    if _has_diverged(time, last_fused, last_rejected, setup):
+        return DIVERGED
+    return ELSEWHERE if _is_elsewhere(time, last_fused, last_rejected, setup) else RUNNING
+
+
+@njit(cache=True)
 def _look_at_interval(
     end: float, values: Array, x: Array, setup: Setup, memory: Memory, bend: Array, density: Array
 ) -> None:
@@ -220,7 +239,7 @@ def run(
     STEP_WIDTH; of length 0: off).
     Returns the index of the first sample that is not processed, the numbers of rows and of steps, and RUNNING,
     or GAP when the IMU was silent for longer than setup.maximum_gap before that sample, or DIVERGED when GPS and
-    state contradict each other for long.
+    state contradict each other for long, or ELSEWHERE when its position alone does.
     """
     setup, memory = one_setup[0], one_memory[0]
     count, steps, i, n = 0, 0, start, len(times)
@@ -259,5 +278,6 @@ def run(
             count += 1
             if steps > 0:
                 tape[steps - 1, HAS_ROW] = 1.0
-        if not finite or _has_diverged(end, memory.last_fused, memory.last_rejected, setup):
-            return i, count, steps, DIVERGED
+        doubt = _doubted(end, memory.last_fused, memory.last_rejected, setup) if finite else DIVERGED
+        if doubt != RUNNING:
+            return i, count, steps, doubt

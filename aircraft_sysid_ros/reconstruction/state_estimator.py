@@ -34,7 +34,7 @@ from aircraft_sysid_ros.reconstruction.filter_setup import (
 from aircraft_sysid_ros.reconstruction.gps_wait import Batch
 from aircraft_sysid_ros.reconstruction.options import StateOptions
 from aircraft_sysid_ros.reconstruction.ordering import Released, TimeOrder
-from aircraft_sysid_ros.reconstruction.sample_loop import DIVERGED, RUNNING, run
+from aircraft_sysid_ros.reconstruction.sample_loop import DIVERGED, ELSEWHERE, RUNNING, run
 from aircraft_sysid_ros.reconstruction.sensor_noise import believed_variance, bounded, mean_tilt_error
 from aircraft_sysid_ros.reconstruction.smoother_history import STEP_WIDTH, SmootherHistory
 from aircraft_sysid_ros.reconstruction.start_up import StartUp
@@ -44,6 +44,7 @@ from aircraft_sysid_ros.reconstruction.state import (
     D_AIR_VELOCITY,
     D_ATTITUDE,
     D_GYRO_BIAS,
+    D_POSITION,
     ERROR_SIZE,
     GUSTY_START,
     INFERRED,
@@ -505,10 +506,7 @@ class StateEstimator:
                 yield rows[:count]
             if self.tape is not None:
                 self.tape.add(tape[:steps], rows[:count], self._x, self._p, self.tilt_doubt)
-            if state != RUNNING:
-                self._lose_alignment()
-            if state == DIVERGED:
-                self._forget_slow_states()
+            self._doubt(state)
             if state == RUNNING and end < len(times):
                 self._lose_alignment()
                 self._start_up.reconsider()
@@ -559,6 +557,23 @@ class StateEstimator:
         if not self._has_biases:
             return self._start.errors, self._start.covariance[3:, 3:]
         return self._x[STATE_SIZE:], self._p[ERROR_SIZE:, ERROR_SIZE:]
+
+    def _doubt(self, state: int) -> None:
+        """What the loop ended with: what is known no more."""
+        if state == ELSEWHERE:
+            self._doubt_position()
+        elif state != RUNNING:
+            self._lose_alignment()
+        if state == DIVERGED:
+            self._forget_slow_states()
+
+    def _doubt_position(self) -> None:
+        """The position may be off by as much as the newest one of the GPS says. For a smoother the flight is split."""
+        each = np.arange(D_POSITION, D_POSITION + 3)
+        self._p[each, each] += self.memory.innovation[Kind.GPS_POSITION] ** 2
+        self.memory.last_rejected[Kind.GPS_POSITION] = -np.inf
+        if self.tape is not None and self.setup is not None:
+            self.tape.begin(self.setup)
 
     def _lose_alignment(self) -> None:
         if self._aligned:

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from aircraft_sysid_ros.aircraft.frames import quaternion_conjugate, quaternion_log, quaternion_product
+from aircraft_sysid_ros.reconstruction.smoother_history import SmootherHistory
 from aircraft_sysid_ros.reconstruction.state import StateField, Status
 from aircraft_sysid_ros.reconstruction.state_estimator import StateEstimator
 from aircraft_sysid_ros.samples import Kind, Samples
@@ -237,3 +238,23 @@ def test_a_state_that_contradicts_gps_is_given_up(flight, aircraft) -> None:
     after = rows[rows[:, StateField.TIME] > rows[-1, StateField.TIME] - 20.0]
     assert np.all(np.isfinite(after[:, : StateField.STATUS]))
     assert np.median(after[:, StateField.WIND][:, 1]) == pytest.approx(30.0 + flight.truth.wind[-1, 1], abs=5.0)
+
+
+def test_a_position_that_leaps_for_good_is_followed(flight, aircraft) -> None:
+    """As when a receiver finds a better fix: 30 m further north from 50 s on. Velocity and all else stay."""
+    samples, time = flight.samples, seconds_of_flight(flight, flight.samples)
+    values = samples.values.copy()
+    values[(samples.kind == Kind.GPS_POSITION) & (time > 50.0), 0] += 30.0 / 6.37e6
+    with SmootherHistory() as tape:
+        estimator = StateEstimator(aircraft, tape=tape)
+        filtered = np.vstack([estimator.push(Samples(samples.stamp, samples.kind, values)), estimator.flush()])
+        for rows in (filtered, estimator.smooth().copy()):
+            truth, time = true_rows(flight, estimator, rows)
+            off = rows[:, StateField.POSITION] - (truth.position - truth.position[0])
+            north = off[:, 0] - np.median(off[time < 50.0, 0])
+            assert np.abs(north[time < 49.0]).max() < 5.0
+            assert np.abs(north[time > 60.0] - 30.0).max() < 5.0
+            error = truth.velocity - rows[:, StateField.VELOCITY]
+            assert np.abs(error / rows[:, StateField.STANDARD_DEVIATIONS][:, :3])[time > 20.0].max() < 5.0
+    assert estimator.realignments == 0
+    assert estimator.counts()["gps_position"]["rejected"] < 40  # 5 Hz
