@@ -402,7 +402,7 @@ class Assembler:
         return pressure, temperature
 
     def _has_airspeed_sensor(self, stamp: Stamps) -> npt.NDArray[np.bool_]:
-        """The autopilot says that it has none: what it calls airspeed then is an estimate."""
+        """Where it says that it has none, or none that is healthy, what it calls airspeed is an estimate."""
         there = self._held[Quantity.AIRSPEED_SENSOR].at(stamp, _SENSOR_AGE)
         return np.asarray(there != 0.0)
 

@@ -30,6 +30,7 @@ _KELVIN = 273.15
 _UNKNOWN_16 = 65535
 _FIX_2D = 2
 _DIFFERENTIAL_PRESSURE = 16  # bit of MAV_SYS_STATUS_SENSOR
+_UNHEALTHY = 1  # bit of AIRSPEED_SENSOR_FLAGS
 SERVO_COUNT = 16
 
 
@@ -148,13 +149,20 @@ def _wind_covariance(fields: Fields) -> Array:
 
 def _airspeed(fields: Fields) -> Array:
     speed = columns(fields, "airspeed")
-    speed[fields["id"] != 0] = np.nan
+    is_unhealthy = np.asarray(fields["flags"], dtype=np.int64) & _UNHEALTHY > 0
+    speed[(fields["id"] != 0) | is_unhealthy] = np.nan
     return speed
 
 
 def _has_airspeed_sensor(fields: Fields) -> Array:
-    present = np.asarray(fields["onboard_control_sensors_present"], dtype=np.int64) & _DIFFERENTIAL_PRESSURE
-    return (present > 0).astype(np.float64)[:, None]
+    """Whether a sensor is there and healthy: else what the autopilot shows as its airspeed is an estimate."""
+    present, healthy = (
+        np.asarray(fields[f"onboard_control_sensors_{word}"], dtype=np.int64) for word in ("present", "health")
+    )
+    return (present & healthy & _DIFFERENTIAL_PRESSURE > 0).astype(np.float64)[:, None]
+
+
+_SENSORS = "onboard_control_sensors_present onboard_control_sensors_health"
 
 
 _ACC_GYRO = "xacc yacc zacc xgyro ygyro zgyro"
@@ -180,7 +188,7 @@ MAVLINK: Table = {
         entry(Quantity.PRESSURE, _pressure, "press_abs temperature"),
         entry(Quantity.IMPACT_PRESSURE, lambda f: columns(f, "press_diff", 100.0), "press_diff"),
     ),
-    "AIRSPEED": (entry(Quantity.AIRSPEED, _airspeed, "airspeed id"),),
+    "AIRSPEED": (entry(Quantity.AIRSPEED, _airspeed, "airspeed id flags"),),
     "VFR_HUD": (
         entry(Quantity.AIRSPEED, lambda f: columns(f, "airspeed"), "airspeed"),
         entry(Quantity.DESCENT, lambda f: columns(f, "climb", -1.0), "climb"),
@@ -200,5 +208,5 @@ MAVLINK: Table = {
     ),
     "WIND_COV": (entry(Quantity.WIND, _wind_covariance, "wind_x wind_y wind_z horiz_accuracy vert_accuracy"),),
     "WIND": (entry(Quantity.WIND, _wind, "direction speed speed_z"),),
-    "SYS_STATUS": (entry(Quantity.AIRSPEED_SENSOR, _has_airspeed_sensor, "onboard_control_sensors_present"),),
+    "SYS_STATUS": (entry(Quantity.AIRSPEED_SENSOR, _has_airspeed_sensor, _SENSORS),),
 }

@@ -9,6 +9,7 @@ import numpy as np
 
 from aircraft_sysid_ros.mavlink.quantities import (
     Array,
+    Entry,
     Fields,
     Quantity,
     Stamps,
@@ -29,7 +30,7 @@ _LONGEST_DELAY = 1_000_000  # [us] from sample to message: a sample that is olde
 #: Fields that say when a sample was taken, best first.
 TIMES = ("timestamp_sample", "timestamp")
 #: Fields that count where a message has them.
-OPTIONAL = (*TIMES, *AIRSPEED_SOURCES, "accelerometer_timestamp_relative")
+OPTIONAL = (*TIMES, *AIRSPEED_SOURCES, "accelerometer_timestamp_relative", "valid")
 
 
 def sample_time(fields: Fields) -> Stamps:
@@ -53,6 +54,17 @@ def _validated(fields: Fields) -> Array:
         if name in fields:
             speed[~np.isin(fields[name], _SENSORS)] = np.nan
     return speed
+
+
+def _angle(name: str) -> Entry:
+    """An angle of the flow [rad] where the sensor is within its range."""
+    quantity = Quantity.ANGLE_OF_ATTACK if name == "aoa_rad" else Quantity.SIDESLIP
+
+    def values(fields: Fields) -> Array:
+        angle = columns(fields, name)
+        return np.where(np.asarray(fields.get("valid", np.ones(len(angle)))).astype(np.bool_)[:, None], angle, np.nan)
+
+    return entry(quantity, values, name)
 
 
 def _vehicle_imu(fields: Fields) -> Array:
@@ -136,8 +148,8 @@ PX4: Table = {
         entry(Quantity.PRESSURE, _pressure_with_ambient, "baro_pressure_pa ambient_temperature"),
         entry(Quantity.PRESSURE, _pressure, "baro_pressure_pa baro_temp_celcius"),
     ),
-    "airflow_aoa": (entry(Quantity.ANGLE_OF_ATTACK, lambda f: columns(f, "aoa_rad"), "aoa_rad"),),
-    "airflow_slip": (entry(Quantity.SIDESLIP, lambda f: columns(f, "slip_rad"), "slip_rad"),),
+    "airflow_aoa": (_angle("aoa_rad"),),
+    "airflow_slip": (_angle("slip_rad"),),
     "actuator_outputs": (entry(Quantity.PULSES, _outputs, "output noutputs"),),
     "actuator_servos": (entry(Quantity.COMMANDS, lambda f: columns(f, "control"), "control"),),
     "actuator_motors": (entry(Quantity.MOTORS, lambda f: columns(f, "control"), "control"),),

@@ -42,7 +42,7 @@ class Quantity(Enum):
     ATTITUDE = "quaternion w, x, y, z of FRD to NED"
     WIND = "NED (3) [m/s], the direction the air moves to; variances (3) [m^2/s^2]"
     NAMED = "value of a named float"
-    AIRSPEED_SENSOR = "1 where the autopilot has one, else 0"
+    AIRSPEED_SENSOR = "1 where the autopilot has one that is healthy, else 0"
 
 
 #: How many leading columns must be numbers, for a reading to say anything.

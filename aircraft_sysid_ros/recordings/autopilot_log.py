@@ -185,8 +185,11 @@ def _missing(
 def _why_no_flow(name: str, quantities: set[Quantity], sources: set[str], mapping: ServoMapping) -> str:
     if name == "true_airspeed":
         if Quantity.AIRSPEED in quantities:
-            return "the autopilot says that it has no airspeed sensor, or the log lacks the source of the calibration"
-        return "the log has no airspeed"
+            return (
+                "the autopilot says that it has no airspeed sensor, or none that is healthy, or the log lacks the "
+                "source of the calibration"
+            )
+        return "the log has no airspeed, or none of a sensor that its autopilot calls healthy"
     if sources & set(COMPUTED_ANGLES) and not mapping.measured_angles:
         return "the autopilot's angles are its own estimates; if vanes feed them, say so: flow_angles: measured"
     return "not measured: the filter works it out from wind and attitude, see docs/mavlink.md"

@@ -22,7 +22,7 @@ import numpy.typing as npt
 
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.installation import MissingExtra
-from aircraft_sysid_ros.mavlink.dataflash_table import DATAFLASH, receivers
+from aircraft_sysid_ros.mavlink.dataflash_table import DATAFLASH, instances
 from aircraft_sysid_ros.mavlink.quantities import FIX_3D, Batch
 from aircraft_sysid_ros.mavlink.servo_mapping import ServoMapping
 from aircraft_sysid_ros.recordings.autopilot_log import NO_DATE, LogContent, gps_nanoseconds, import_content
@@ -32,6 +32,8 @@ from aircraft_sysid_ros.recordings.injections import MESSAGES, injections
 from aircraft_sysid_ros.recordings.losses import NO_CHECKSUMS
 from aircraft_sysid_ros.stamps import NANOSECONDS
 
+#: What stood before the number of an output up to ArduPilot 3.3.
+_OLD_OUTPUT = re.compile(r"^(Ch|Chan)(?=\d+$)")
 _MAGIC = b"\xa3\x95"
 _HEADER = 3
 #: A message that says how others are laid out: their length, name, letters of types, and columns.
@@ -83,7 +85,7 @@ def _read_binary(path: Path) -> LogContent:
     }
     (begin, end), boots = _longest_boot(content, *wanted["IMU"]) if "IMU" in wanted else ((0, len(content)), 1)
     tables = {
-        name: _columns(content, offsets[(offsets >= begin) & (offsets < end)], form)
+        name: _as_today(_columns(content, offsets[(offsets >= begin) & (offsets < end)], form))
         for name, (offsets, form) in wanted.items()
     }
     found = {name: int(reader.counts[n]) for name, n in reader.name_to_id.items() if reader.counts[n]}
@@ -104,7 +106,7 @@ def _read_binary(path: Path) -> LogContent:
     if damaged:
         names = ", ".join(damaged)
         notes.append(f"what the file says about the layout of {names} is damaged: none of those could be read")
-    notes += _receiver_notes(tables.get("GPS", {}))
+    notes += _instance_notes(tables)
     notes += _output_notes(tables.get("PARM"))
     batches = [
         Batch(name, start + _time(fields), fields)
@@ -198,6 +200,15 @@ def _columns(content: npt.NDArray[np.uint8], offsets: npt.NDArray[np.int64], for
     return columns
 
 
+def _as_today(columns: dict[str, npt.NDArray[Any]]) -> dict[str, npt.NDArray[Any]]:
+    """Columns of a message by today's names: up to ArduPilot 3.2 the TimeMS of GPS was in its week, and T since start."""
+    columns = {_OLD_OUTPUT.sub("C", name): values for name, values in columns.items()}
+    if not {"Week", "T"} <= columns.keys():
+        return columns
+    of_week = "GPSTimeMS" if "GPSTimeMS" in columns else "TimeMS"
+    return columns | {"GWk": columns["Week"], "GMS": columns[of_week], "TimeMS": columns["T"]}
+
+
 def _longest_boot(
     content: npt.NDArray[np.uint8], offsets: npt.NDArray[np.int64], form: Any
 ) -> tuple[tuple[int, int], int]:
@@ -248,11 +259,20 @@ def _start(tables: dict[str, dict[str, npt.NDArray[Any]]]) -> tuple[int, list[st
     return int(offset[0]) + int(np.median(offset - offset[0])), []
 
 
-def _receiver_notes(gps: dict[str, npt.NDArray[Any]]) -> list[str]:
-    """Which GPS receiver is read where it is not the first."""
-    read, *others = receivers(gps) if {"I", "Status"} <= gps.keys() and len(gps["I"]) else [0]
-    first = min([read, *others])
-    return [f"GPS receiver {read} is read: it has more fixes than receiver {first}"] if read != first else []
+def _instance_notes(tables: dict[str, dict[str, npt.NDArray[Any]]]) -> list[str]:
+    """Which GPS receiver, and which instance of another sensor, is read where it is not the first."""
+    notes = []
+    for name in DATAFLASH:
+        fields = tables.get(name, {})
+        read, *others = instances(fields) if len(fields.get("I", ())) else [0]
+        first = min([read, *others])
+        if read == first:
+            continue
+        if name == "GPS":
+            notes.append(f"GPS receiver {read} is read: it has more fixes than receiver {first}")
+        elif name != "RPM":  # whose instances are engines
+            notes.append(f"{name} {read} is read: it is healthy more often than {name} {first}")
+    return notes
 
 
 def _output_notes(parameters: dict[str, npt.NDArray[Any]] | None) -> list[str]:

@@ -13,6 +13,7 @@ from aircraft_sysid_ros.mavlink.dataflash_table import DATAFLASH
 from aircraft_sysid_ros.mavlink.decoder import Decoder, batch_of, fields_of
 from aircraft_sysid_ros.mavlink.esc_status import EscStatus
 from aircraft_sysid_ros.mavlink.mavlink_table import MAVLINK
+from aircraft_sysid_ros.mavlink.px4_listener import wanted_fields
 from aircraft_sysid_ros.mavlink.px4_table import PX4
 from aircraft_sysid_ros.mavlink.quantities import (
     FIX_STATUS,
@@ -180,6 +181,29 @@ def test_an_airspeed_that_is_an_estimate_is_not_passed_off_as_measured():
     outputs(assembler, dialect.MAVLink_sys_status_message(0x2F, 0x2F, 0x2F, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0))
     made = outputs(assembler, dialect.MAVLink_vfr_hud_message(20.0, 0, 0, 0, 0, 0))
     assert not [o for o in made if o.topic == "air_data"]
+
+
+def test_an_airspeed_of_a_sensor_that_is_not_healthy_is_none():
+    """ArduPilot shows an estimate in VFR_HUD then, and marks AIRSPEED."""
+    assembler = Assembler(MAVLINK)
+    outputs(assembler, pressure())
+    for health, count in ((0x3F, 1), (0x2F, 0)):
+        outputs(assembler, dialect.MAVLink_sys_status_message(0x3F, 0x3F, health, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0))
+        made = outputs(assembler, dialect.MAVLink_vfr_hud_message(20.0 + count, 0, 0, 0, 0, 0))
+        assert len([o for o in made if o.topic == "air_data"]) == count
+    flags = dialect.AIRSPEED_SENSOR_UNHEALTHY | dialect.AIRSPEED_SENSOR_USING
+    assert not readings(dialect.MAVLink_airspeed_message(0, 20.0, 0, 0, flags))
+    assert readings(dialect.MAVLink_airspeed_message(0, 20.0, 0, 0, dialect.AIRSPEED_SENSOR_USING))
+
+
+@pytest.mark.parametrize(("topic", "angle"), [("airflow_aoa", "aoa_rad"), ("airflow_slip", "slip_rad")])
+def test_a_vane_beyond_its_range_says_nothing(topic, angle):
+    """PX4 says so beside the angle."""
+    fields = {angle: np.array([0.1, 0.7, 0.2]), "valid": np.array([1, 0, 1], np.uint8)}
+    (reading,) = readings_of(PX4, Batch(topic, np.arange(3), fields))
+    assert reading.stamp.tolist() == [0, 2] and reading.values[:, 0].tolist() == [0.1, 0.2]
+    (whole,) = readings_of(PX4, Batch(topic, np.arange(3), {angle: fields[angle]}))
+    assert len(whole.stamp) == 3 and "valid" in wanted_fields(topic)
 
 
 def test_an_angle_of_the_autopilot_is_used_only_where_a_vane_is_said_to_be_behind_it():

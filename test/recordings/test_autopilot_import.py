@@ -214,6 +214,85 @@ def test_dataflash_as_text_is_the_log_that_it_was_made_from(tmp_path, calibratio
         np.testing.assert_array_equal(getattr(recording.samples, name), getattr(original.samples, name))
 
 
+OLD_FORMATS = {
+    "IMU": ("Iffffff", "TimeMS,GyrX,GyrY,GyrZ,AccX,AccY,AccZ"),
+    "GPS": ("BIHBcLLeeEefI", "Status,TimeMS,Week,NSats,HDop,Lat,Lng,RelAlt,Alt,Spd,GCrs,VZ,T"),
+    "RCOU": ("I" + "h" * 12, "TimeMS," + ",".join(f"Ch{i}" for i in range(1, 13))),
+}
+
+
+def test_dataflash_of_the_years_up_to_2014(tmp_path, calibration):
+    """Its GPS has the time in the week where all else has that since the start, its outputs have other names."""
+    rows, course = [], round(np.degrees(np.arctan2(-9.0, 12.0)) % 360.0 * 100)
+    for k in range(COUNT):
+        ms = round((BOOT + TIME[k]) * 1e3)
+        rows.append(("IMU", (ms, *RATES[k], *FORCE[k])))
+        if k % 10 == 0:
+            week, of_week = gps_week(UNIX + TIME[k])
+            place = (round(LATITUDE[k] * 1e7), round(LONGITUDE[k] * 1e7), 0, round(ALTITUDE[k] * 100))
+            rows.append(("GPS", (3, of_week, week, 12, 80, *place, 1500, course, -1.5, ms)))
+            rows.append(("RCOU", (ms, *outputs(k), *[0] * 7)))
+    log = tmp_path / "flight.bin"
+    log.write_bytes(dataflash(OLD_FORMATS, rows))
+    report, recording = run_import(log, tmp_path / "bag", calibration)
+    check_motion(recording, UNIX, height=1e-2)
+    check_surfaces(recording)
+    assert report["duration"] == pytest.approx(TIME[-1])
+
+
+HEALTH = {
+    "IMU": ("QBffffffBB", "TimeUS,I,GyrX,GyrY,GyrZ,AccX,AccY,AccZ,GH,AH"),
+    "BARO": ("QBffcB", "TimeUS,I,Alt,Press,Temp,Health"),
+    "ARSP": ("QBffcfB", "TimeUS,I,Airspeed,DiffPress,Temp,RawPress,H"),
+}
+
+
+def test_what_a_sensor_shows_that_is_not_healthy_is_no_measurement(tmp_path):
+    """A pitot that does not answer shows the airspeed of its offset; that and IMUs that stand still were measured."""
+    rows, dead = [], COUNT // 2
+    for name, values in dataflash_rows():
+        k = round((values[0] * 1e-6 - BOOT) * RATE) if name in HEALTH else 0
+        if name == "IMU":
+            rows.append((name, (*values, 1, int(k < dead)) if values[1] == 0 else (*values, 1, 0)))
+        elif name == "BARO":
+            rows.append((name, (*values[:3], *((PRESSURE, 3500, 1) if k < dead else (1000.0, 0, 0)))))
+        elif name == "ARSP":
+            rows.append((name, (*values[:2], *((AIRSPEED, *values[3:], 1) if k < dead else (7.7, *values[3:], 0)))))
+        else:
+            rows.append((name, values))
+    log = tmp_path / "flight.bin"
+    log.write_bytes(dataflash({**FORMATS, **HEALTH}, rows))
+    _, recording = run_import(log, tmp_path / "bag")
+    imu, speed = of_kind(recording, Kind.IMU), of_kind(recording, Kind.AIRSPEED)
+    np.testing.assert_allclose(imu.values[:, :3], FORCE[:dead], atol=2e-3)
+    assert 0 < len(speed) <= dead // 5
+    np.testing.assert_allclose(speed.values[3:, 0], expected_true(AIRSPEED), rtol=2e-4)
+
+
+def test_of_two_pitots_that_is_read_which_is_healthy(tmp_path):
+    rows = []
+    for name, values in dataflash_rows():
+        rows += [(name, (*values, 0)), (name, (values[0], 1, *values[2:], 1))] if name == "ARSP" else [(name, values)]
+    log = tmp_path / "flight.bin"
+    log.write_bytes(dataflash({**FORMATS, "ARSP": HEALTH["ARSP"]}, rows))
+    report, recording = run_import(log, tmp_path / "bag")
+    assert len(of_kind(recording, Kind.AIRSPEED)) == len(range(0, COUNT, 5))
+    assert any(note.startswith("ARSP 1 is read") for note in report["notes"])
+    log.write_bytes(dataflash({**FORMATS, "ARSP": HEALTH["ARSP"]}, [r for r in rows if r[0] != "ARSP" or not r[1][1]]))
+    report, recording = run_import(log, tmp_path / "none")
+    assert not len(of_kind(recording, Kind.AIRSPEED)) and "healthy" in report["missing"]["true_airspeed"]
+
+
+def test_an_engine_sensor_without_a_signal_says_nothing(tmp_path):
+    """ArduPilot writes -1, which was a speed of -0.1 rad/s."""
+    rows = [(name, (values[0], -1.0, -1.0)) if name == "RPM" else (name, values) for name, values in dataflash_rows()]
+    log, servos = tmp_path / "flight.bin", tmp_path / "servos.yaml"
+    servos.write_text(CALIBRATION)
+    log.write_bytes(dataflash(FORMATS, rows))
+    _, recording = run_import(log, tmp_path / "bag", servos)
+    assert np.isnan(of_kind(recording, Kind.CONTROLS).values[:, 6]).all()
+
+
 SWEEPS = {
     "SIDS": ("QBfffffff", "TimeUS,Ax,Mag,FSt,FSp,TFin,TC,TR,TFout"),
     "SIDD": ("Qfffffffff", "TimeUS,Time,Targ,F,Gx,Gy,Gz,Ax,Ay,Az"),

@@ -254,6 +254,19 @@ def test_an_airspeed_of_px4_that_no_sensor_measured_is_none(source, tmp_path):
     np.testing.assert_allclose(1e-9 * (air.stamp[known] - air.stamp[0]), np.arange(2.0, 5.0, 0.1), atol=1e-6)
 
 
+@pytest.mark.parametrize("says_so", [True, False])
+def test_a_vane_of_px4_beyond_its_range_says_nothing(says_so, tmp_path):
+    """The angle that is marked so in the column beside it was taken as measured."""
+    time, angle, valid = 50_000_000 + 100_000 * np.arange(60), np.full(60, 0.1), np.repeat([1, 0, 1], 20)
+    names, columns = ["timestamp", "aoa_rad", "valid"], [time, angle, valid]
+    layouts.write_rows(tmp_path / "log_airflow_aoa_0.csv", names[: 2 + says_so], columns[: 2 + says_so])
+    layouts.write_rows(tmp_path / "log_vehicle_air_data_0.csv", ["timestamp", "baro_pressure_pa"], [time, 9e5 * angle])
+    assert main(["import", str(tmp_path), "--out", str(tmp_path / "bag")]) == 0
+    air = read_table(tmp_path / "bag", "air_data")
+    known = np.isfinite(air.fields["angle_of_attack"])
+    assert known.sum() == (40 if says_so else 60)
+
+
 @pytest.mark.parametrize(
     ("rates", "dead", "read"),
     [

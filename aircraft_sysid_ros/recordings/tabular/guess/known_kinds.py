@@ -63,6 +63,12 @@ def _of_a_sensor(source: str) -> KnownLine:
     return KnownLine("true_airspeed", "", "m/s", expression=masked, why=f"where {source} is a sensor, 1 to 3")
 
 
+def _of_a_vane(signal: str, angle: str) -> list[KnownLine]:
+    """An angle [rad] where the sensor is within its range, if it says so."""
+    masked = f"{angle}+0*sqrt(valid-1)"
+    return [KnownLine(signal, "", "rad", expression=masked, why="where it is valid"), KnownLine(signal, angle, "rad")]
+
+
 _FLU = (1.0, -1.0, -1.0)
 _IMU_OF_ROS = [
     *_vector("specific_force", [f"field.linear_acceleration.{a}" for a in _VECTOR], "m/s^2", _FLU),
@@ -103,8 +109,8 @@ _PX4: dict[str, list[KnownLine]] = {
     "vehicle_air_data": [
         KnownLine("static_pressure", "baro_pressure_pa", "Pa"), KnownLine("air_density", "rho", "kg/m^3"),
     ],
-    "airflow_aoa": [KnownLine("angle_of_attack", "aoa_rad", "rad")],
-    "airflow_slip": [KnownLine("sideslip", "slip_rad", "rad")],
+    "airflow_aoa": _of_a_vane("angle_of_attack", "aoa_rad"),
+    "airflow_slip": _of_a_vane("sideslip", "slip_rad"),
     "actuator_controls_0": _COMMANDS,
     **{topic: uncalibrated(topic) for topic in ("actuator_servos", "actuator_motors", "actuator_outputs")},
     "battery_status": [
