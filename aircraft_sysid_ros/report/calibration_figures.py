@@ -24,31 +24,34 @@ def draw_calibration(what: str, report: Report, folder: Path) -> tuple[list[str]
 
 
 def trace_figure(report: Report, path: str | Path) -> Path:
-    """Write Tr R of every sample of stage 1 over each sampled parameter, and where the estimate is, to a PNG file."""
+    """Write Tr R of every sample of stage 1 over each sampled parameter, and its estimate if any, to a PNG file."""
     plt = pyplot()
 
     answer = report.answer
     names2 = answer.problem.names2
     units = {str(p["name"]): p["unit"] for p in report.parameters}
-    free = np.flatnonzero(answer.determined[answer.problem.n1 :])
-    columns = min(len(free), 3)
-    rows = -(-len(free) // columns)
+    determined = answer.determined[answer.problem.n1 :]
+    sampled = [k for k, name in enumerate(names2) if determined[k] or name in answer.refused]  # columns of xi2
+    columns = min(len(sampled), 3)
+    rows = -(-len(sampled) // columns)
     figure, axes = plt.subplots(
         rows, columns, figsize=(4.2 * columns, 3.0 * rows), sharey=True, layout="constrained", squeeze=False
     )
     trace = answer.samples.trace
     there = np.isfinite(trace)
     estimate = answer.xi[answer.problem.n1 :]
-    for column, (number, plot) in enumerate(zip(free, axes.flat, strict=False)):
+    for column, (number, plot) in enumerate(zip(sampled, axes.flat, strict=False)):
         plot.semilogy(answer.samples.xi2[there, column], trace[there], ".", ms=3, color=RESIDUAL_COLOUR)
-        plot.axvline(estimate[number], color=PREDICTED_COLOUR, lw=1.2, label="estimate")
+        if determined[number]:
+            plot.axvline(estimate[number], color=PREDICTED_COLOUR, lw=1.2, label="estimate")
         plot.set_xlabel(f"{names2[number]} [{units.get(names2[number]) or '-'}]")
         plot.grid(alpha=0.3)
-    for plot in axes.flat[len(free) :]:
+    for plot in axes.flat[len(sampled) :]:
         plot.set_visible(False)
     for plot in axes[:, 0]:
         plot.set_ylabel("Tr R")
-    axes[0, 0].legend(loc="upper right", fontsize=8)
+    for plot in [each for each in axes.flat if each.get_legend_handles_labels()[0]][:1]:
+        plot.legend(loc="upper right", fontsize=8)
     figure.suptitle(f"{report.title}: {answer.decision.reason}", fontsize=10)
     figure.savefig(path, dpi=110)
     plt.close(figure)

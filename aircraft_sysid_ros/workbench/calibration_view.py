@@ -48,6 +48,11 @@ class CalibratedParameter:
     factor: float = 1.0  # from the unit of the result to the one that is shown
 
     @property
+    def estimate(self) -> float | None:
+        """The value, where it was found and is not what is taken instead."""
+        return self.value if self.determined else None
+
+    @property
     def state(self) -> str:
         """What is wrong with it in few words, such as "not excited" or "at its bound"."""
         return self.reason.partition(":")[0].partition(",")[0]
@@ -114,7 +119,7 @@ class CalibrationView:
     @property
     def estimate(self) -> Array:
         """(n2,) estimates of the sampled parameters, NaN where one is not known."""
-        return np.array([_number(p.value) for p in self.sampled], dtype=np.float64)
+        return np.array([_number(p.estimate) for p in self.sampled], dtype=np.float64)
 
 
 def is_calibration(path: str | Path) -> bool:

@@ -130,6 +130,21 @@ def test_what_the_flight_does_not_tell_is_said(folder) -> None:
     assert views.verdict(view) == "No unique minimum" and "Flat: half the range" in views.sentences(view)[0]
 
 
+def test_what_is_taken_instead_of_an_answer_is_not_drawn_as_the_estimate(folder) -> None:
+    """A parameter at its bound has its nominal value: at that stood the line of the estimate."""
+
+    def change(content) -> None:
+        (refused,) = [p for p in content["parameters"] if p["name"] == content["stage_1"]["names"][0]]
+        refused |= {"determined": False, "value": 0.0, "std": None, "reason": "at its bound (1 ± 2): taken as 0"}
+
+    rewritten(folder, change)
+    view = load_calibration_view(folder)
+    shapes = [views.trace_figure(view, column, LIGHT)["layout"]["shapes"] for column in (0, 1)]
+    assert [len(found) for found in shapes] == [0, 2]
+    assert views.distance_figure(view, LIGHT) is None
+    assert views.plane_figure(view, 0, 1, LIGHT)["data"][1]["x"] == [None]
+
+
 def test_numbers_that_are_none_are_left_out(folder) -> None:
     """NaN and null anywhere: the rest is drawn, and no figure holds them where plotly or JSON would fail."""
 

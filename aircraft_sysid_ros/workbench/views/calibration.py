@@ -42,17 +42,17 @@ def trace_figure(view: CalibrationView, column: int, theme: Theme, height: int =
     parameter = view.sampled[column]
     data = [_dots(view.xi2[:, column], view.trace, theme), _minima(view, column, theme)]
     shapes = []
-    if parameter.value is not None:
-        shapes.append(upright(parameter.value, theme.predicted, 1.6))
-    if parameter.value is not None and parameter.std is not None:
-        half = INTERVAL * parameter.std
+    if parameter.estimate is not None:
+        shapes.append(upright(parameter.estimate, theme.predicted, 1.6))
+    if parameter.estimate is not None and parameter.std is not None:
+        low, high = (parameter.estimate + sign * INTERVAL * parameter.std for sign in (-1.0, 1.0))
         shapes.insert(0, {
-            "type": "rect", "xref": "x", "yref": "paper", "x0": parameter.value - half, "x1": parameter.value + half,
+            "type": "rect", "xref": "x", "yref": "paper", "x0": low, "x1": high,
             "y0": 0, "y1": 1, "fillcolor": theme.mark, "line": {"width": 0}, "layer": "below",
         })  # fmt: skip
     return figure(
         theme, data, height,
-        xaxis=axis(theme, parameter.title, fixedrange=True, range=_reach(view.xi2[:, column], parameter.value)),
+        xaxis=axis(theme, parameter.title, fixedrange=True, range=_reach(view.xi2[:, column], parameter.estimate)),
         yaxis=_trace_axis(view, theme), shapes=shapes, margin=_MARGIN,
     )  # fmt: skip
 
@@ -98,7 +98,7 @@ def plane_figure(view: CalibrationView, x: int, y: int, theme: Theme, height: in
     }  # fmt: skip
     one, other = view.sampled[x], view.sampled[y]
     estimate = {
-        "type": "scatter", "mode": "markers", "x": [one.value], "y": [other.value], "name": "estimate",
+        "type": "scatter", "mode": "markers", "x": [one.estimate], "y": [other.estimate], "name": "estimate",
         "marker": {"size": 13, "symbol": "x-thin", "line": {"width": 3, "color": theme.predicted}},
     }  # fmt: skip
     return figure(
