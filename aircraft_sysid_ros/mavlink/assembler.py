@@ -165,6 +165,14 @@ def _count_usable(reading: Reading) -> int:
     return int(rows.sum())
 
 
+def _with_vertical(reading: Reading, descent: Held) -> Array:
+    """Velocity NED (n, 3) [m/s] of a reading, its vertical part where it has none by what was held just before."""
+    velocity = reading.values.copy()
+    without = np.isnan(velocity[:, 2])
+    velocity[without, 2] = descent.at(reading.stamp[without], _DESCENT_AGE)
+    return velocity
+
+
 def _wide(values: Array, width: int) -> Array:
     if values.shape[1] == width:
         return values
@@ -239,13 +247,24 @@ class Assembler:
     def choose(self, readings: Iterable[Reading]) -> None:
         """A whole log is at hand: of each quantity the best source of it that says something, throughout.
 
-        But for positions: where a receiver has no fix, what its autopilot makes of that is dead reckoning.
+        Of velocities one that lacks the vertical part of most says nothing. But for positions: where a receiver has no
+        fix, what its autopilot makes of that is dead reckoning.
         """
         self._keep = None
         usable: dict[tuple[Quantity, str], int] = {}
+        vertical = {name: Held() for name in self._ranks[Quantity.DESCENT]}
+        of_velocity = []
         for reading in readings:
             key = reading.quantity, reading.source
             usable[key] = usable.get(key, 0) + _count_usable(reading)
+            if reading.quantity is Quantity.DESCENT:
+                vertical[reading.source].add(reading.stamp, reading.values, None)
+            elif reading.quantity is Quantity.VELOCITY:
+                of_velocity.append(reading)
+        descent = next((held for held in vertical.values() if len(held.stamp)), Held())
+        for reading in of_velocity:
+            if 2 * np.isfinite(_with_vertical(reading, descent)).all(axis=1).sum() < len(reading.stamp):
+                usable[Quantity.VELOCITY, reading.source] = 0
         for quantity, order in self._ranks.items():
             there = [name for name in order if (quantity, name) in usable]
             if quantity is not Quantity.POSITION:
@@ -280,8 +299,15 @@ class Assembler:
     def take(self, readings: Iterable[Reading]) -> list[Output]:
         """Note and assemble what one live message reported."""
         there = (with_receiver(reading, self._received) for reading in readings)
-        counted = [reading for reading in there if reading is not None and self.note(reading)]
+        whole = (reading for reading in there if reading is not None and self._is_whole(reading))
+        counted = [reading for reading in whole if self.note(reading)]
         return merged([output for reading in counted for output in self.assemble(reading)])
+
+    def _is_whole(self, reading: Reading) -> bool:
+        """Not a velocity whose vertical part nobody knows: that is no sign of life of its source."""
+        if reading.quantity is not Quantity.VELOCITY:
+            return True
+        return bool(np.isfinite(_with_vertical(reading, self._held[Quantity.DESCENT])).all(axis=1).any())
 
     def note(self, reading: Reading) -> bool:
         """Remember a reading for others that need it; whether it counts."""
@@ -379,10 +405,8 @@ class Assembler:
         return Output("gps/fix", reading.stamp, fields, reading.source)
 
     def _velocity(self, reading: Reading) -> Output:
-        velocity, source = reading.values.copy(), reading.source
-        without = np.isnan(velocity[:, 2])
-        if without.any():
-            velocity[without, 2] = self._held[Quantity.DESCENT].at(reading.stamp[without], _DESCENT_AGE)
+        velocity, source = _with_vertical(reading, self._held[Quantity.DESCENT]), reading.source
+        if np.isnan(reading.values[:, 2]).any():
             vertical = self.source(Quantity.DESCENT)
             source += f", vertical of {vertical}" if vertical else ""
         rows = np.all(np.isfinite(velocity), axis=1)

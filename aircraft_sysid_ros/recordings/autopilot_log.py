@@ -165,6 +165,8 @@ def _missing(
     for topic, what in _INPUTS.items():
         if topic not in there:
             missing[topic] = f"the log has no message with {what}"
+    if "gps/vel" in missing and Quantity.VELOCITY in quantities:
+        missing["gps/vel"] = "the GPS velocity in the log is horizontal, and nothing says the vertical one often enough"
     air = there.get("air_data")
     for name in ("true_airspeed", "angle_of_attack", "sideslip"):
         if air is None or not np.any(np.isfinite(air.fields[name])):

@@ -201,7 +201,7 @@ def _columns(content: npt.NDArray[np.uint8], offsets: npt.NDArray[np.int64], for
 
 
 def _as_today(columns: dict[str, npt.NDArray[Any]]) -> dict[str, npt.NDArray[Any]]:
-    """Columns of a message by today's names: up to ArduPilot 3.2 the TimeMS of GPS was in its week, and T since start."""
+    """Columns by today's names: up to ArduPilot 3.2 the TimeMS of GPS was that of its week, and T since the start."""
     columns = {_OLD_OUTPUT.sub("C", name): values for name, values in columns.items()}
     if not {"Week", "T"} <= columns.keys():
         return columns

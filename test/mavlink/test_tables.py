@@ -215,6 +215,36 @@ def test_an_angle_of_the_autopilot_is_used_only_where_a_vane_is_said_to_be_behin
     assert np.isnan(both.fields["true_airspeed"][0])
 
 
+@pytest.mark.parametrize("is_live", [True, False])
+@pytest.mark.parametrize(("age", "source"), [(0.1, "GPS_RAW_INT"), (0.9, "GLOBAL_POSITION_INT")])
+def test_a_slow_link_has_velocities(age, source, is_live):
+    """Both once in a second: of a vertical part that is too old there was no velocity at all."""
+    messages = {
+        "GPS_RAW_INT": dialect.MAVLink_gps_raw_int_message(1, 3, *PLACE, 80, 120, 1500, 32000, 12),
+        "GLOBAL_POSITION_INT": dialect.MAVLink_global_position_int_message(1, *PLACE, 0, 1100, -900, -100, 0),
+    }
+    due = sorted((k + (age if name == "GPS_RAW_INT" else 0.0), name) for k in range(20) for name in messages)
+    heard = []
+    for t, name in due:
+        (received,) = Decoder().decode(Decoder().encode(messages[name]))
+        heard.append(readings_of(MAVLINK, batch_of(name, STAMP + round(t * 1e9), fields_of(received))))
+    if is_live:
+        assembler = Assembler(MAVLINK)
+        made = [output for each in heard for output in assembler.take(each)]
+    else:
+        joined = {}
+        for reading in (reading for each in heard for reading in each):
+            joined.setdefault((reading.quantity, reading.source), []).append(reading)
+        whole = [
+            replace(r[0], stamp=np.concatenate([o.stamp for o in r]), values=np.concatenate([o.values for o in r]))
+            for r in joined.values()
+        ]
+        made, _ = assembled(whole, MAVLINK, servo_mapping_from_dict({}))
+    velocities = [output for output in made if output.topic == "gps/vel"]
+    assert velocities[-1].source.startswith(source) and sum(len(output.stamp) for output in velocities) >= 19
+    np.testing.assert_allclose(velocities[-1].fields["twist.linear"][-1, 2], 1.0)
+
+
 PLACE = (445_000_000, -932_500_000, 310_500)
 
 
