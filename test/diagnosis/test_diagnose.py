@@ -589,7 +589,7 @@ def test_amid_axes_that_nothing_explains_an_effect_must_explain_most(aircraft, e
         return
     (candidate,) = found.candidates
     assert found.verdict == "none" and candidate.amid == ("Cm", "Cn")
-    assert "most of C_m and C_n is left" in candidate.refusal(first=True)
+    assert "most of C_m and C_n is unexplained" in candidate.refusal(first=True)
 
 
 @pytest.mark.long
