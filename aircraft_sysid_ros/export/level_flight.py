@@ -11,7 +11,7 @@ from scipy.optimize import least_squares
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.aircraft.atmosphere import STANDARD_GRAVITY
 from aircraft_sysid_ros.errors import InputError
-from aircraft_sysid_ros.export.learnt_model import SURFACES, LearntModel, that_go_with_time
+from aircraft_sysid_ros.export.learnt_model import SURFACES, LearntModel, that_go_with_time, thrust_part
 
 Array = npt.NDArray[np.float64]
 
@@ -43,9 +43,33 @@ class LevelFlight:
 
 
 def airspeeds_of(learnt: LearntModel) -> tuple[float, float, float]:
-    """True airspeeds [m/s] that gains are made for: trim, which is the median of the rows, lowest and highest."""
+    """True airspeeds [m/s] that gains are made for: trim, which is the median of the rows, lowest and highest.
+
+    The lowest is no slower than the largest lift that was flown carries: a push-over or a stall is no level flight.
+    Raises InputError without whole rows.
+    """
     speed = learnt.signal("V")
-    return float(np.median(speed)), float(speed.min()), float(speed.max())
+    carried = slowest(learnt) * float(np.sqrt(SEA_LEVEL_DENSITY / density_of(learnt)))
+    return float(np.median(speed)), max(float(speed.min()), carried), float(speed.max())
+
+
+def density_of(learnt: LearntModel) -> float:
+    """Density of the air [kg/m^3], the median of the rows."""
+    flown = learnt.flown
+    return float(np.median(2.0 * flown.signal("qbar") / flown.signal("V") ** 2))
+
+
+def slowest(learnt: LearntModel) -> float:
+    """Calibrated airspeed [m/s] of level flight at the largest lift that was flown; 0 where none was."""
+    lift = float(lift_coefficient(learnt.flown).max())
+    weight = learnt.aircraft.mass * STANDARD_GRAVITY / learnt.aircraft.wing_area
+    return float(np.sqrt(2.0 * weight / (SEA_LEVEL_DENSITY * lift))) if lift > 0.0 else 0.0
+
+
+def lift_coefficient(flown: LearntModel) -> Array:
+    """C_L (n,) of the rows without thrust."""
+    ours, alpha = flown.coefficients - thrust_part(flown), flown.signal("alpha")
+    return np.asarray(ours[:, 0] * np.sin(alpha) - ours[:, 2] * np.cos(alpha))
 
 
 def middle_row(learnt: LearntModel) -> Array:
@@ -61,9 +85,8 @@ def level_flight(learnt: LearntModel, airspeed: float) -> LevelFlight:
     throttle the model does not know its thrust, and C_X is left out. An aeroplane without rudder or without ailerons
     banks a little for a straight path.
     """
-    flown = learnt.flown
     aircraft, names = learnt.aircraft, learnt.model.signal_names
-    density = float(np.median(2.0 * flown.signal("qbar") / flown.signal("V") ** 2))
+    density = density_of(learnt)
     row = middle_row(learnt)
     qbar = 0.5 * density * airspeed**2
     row[[names.index(name) for name in ("p", "q", "r", "alpha_dot", "beta_dot")]] = 0.0

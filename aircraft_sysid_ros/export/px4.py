@@ -11,7 +11,6 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from aircraft_sysid_ros.aircraft.atmosphere import STANDARD_GRAVITY
 from aircraft_sysid_ros.export.autopilot_parameters import (
     Entry,
     doubt_notes,
@@ -21,13 +20,14 @@ from aircraft_sysid_ros.export.autopilot_parameters import (
     with_std,
 )
 from aircraft_sysid_ros.export.exported import Exported, header_lines
-from aircraft_sysid_ros.export.learnt_model import LearntModel, fitted, percent, standard_errors, thrust_part
+from aircraft_sysid_ros.export.learnt_model import LearntModel, fitted, percent, standard_errors
 from aircraft_sysid_ros.export.level_flight import (
-    SEA_LEVEL_DENSITY,
     LevelFlight,
     airspeeds_of,
     level_flight,
     level_words,
+    lift_coefficient,
+    slowest,
     time_notes,
 )
 
@@ -83,21 +83,11 @@ def _entries(learnt: LearntModel, full: Array | None) -> list[Entry]:
 
 
 def levels_of(learnt: LearntModel) -> list[LevelFlight]:
-    """Level flight at FW_AIRSPD_TRIM, MIN and MAX: no slower than what was learnt and than the largest lift carries.
+    """Level flight at FW_AIRSPD_TRIM, MIN and MAX.
 
     Raises InputError where the model has none.
     """
-    trim, low, high = airspeeds_of(learnt)
-    level = level_flight(learnt, trim)
-    low = max(low, slowest(learnt) * float(np.sqrt(SEA_LEVEL_DENSITY / level.density)))
-    return [level, level_flight(learnt, low), level_flight(learnt, high)]
-
-
-def slowest(learnt: LearntModel) -> float:
-    """Calibrated airspeed [m/s] of level flight at the largest lift that was flown; 0 where none was."""
-    lift = float(lift_coefficient(learnt.flown).max())
-    weight = learnt.aircraft.mass * STANDARD_GRAVITY / learnt.aircraft.wing_area
-    return float(np.sqrt(2.0 * weight / (SEA_LEVEL_DENSITY * lift))) if lift > 0.0 else 0.0
+    return [level_flight(learnt, airspeed) for airspeed in airspeeds_of(learnt)]
 
 
 def airspeeds(learnt: LearntModel, levels: list[LevelFlight]) -> list[Entry]:
@@ -110,12 +100,6 @@ def airspeeds(learnt: LearntModel, levels: list[LevelFlight]) -> list[Entry]:
         Entry("FW_AIRSPD_TRIM", trim, what="m/s, the median of the flight"),
         Entry("FW_AIRSPD_MAX", high, what="m/s, the fastest that was learnt"),
     ]
-
-
-def lift_coefficient(flown: LearntModel) -> Array:
-    """C_L (n,) of the rows without thrust."""
-    ours, alpha = flown.coefficients - thrust_part(flown), flown.signal("alpha")
-    return np.asarray(ours[:, 0] * np.sin(alpha) - ours[:, 2] * np.cos(alpha))
 
 
 def wind_estimator(learnt: LearntModel) -> tuple[list[Entry], dict[str, float]]:

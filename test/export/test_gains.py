@@ -247,3 +247,24 @@ def test_surfaces_that_follow_their_records_later_keep_the_margins_that_are_aske
     really = Actuator(late.get("lag", (Actuator().lag, 0.0))[0], 0.15)
     k = 0.98 * 10 ** (10 / 20)
     assert benchmark.stable_loops(learnt, replace(loop, p=k * loop.p, i=k * loop.i), really, learnt.values[None])
+
+
+def in_a_push_over(learnt, airspeed):
+    """The rows with some at an airspeed [m/s] at which no lift that was flown carries the weight."""
+    rows, names = learnt.signals.copy(), learnt.model.signal_names
+    speed, qbar = names.index("V"), names.index("qbar")
+    rows[100:110, qbar] *= (airspeed / rows[100:110, speed]) ** 2
+    rows[100:110, speed] = airspeed
+    return replace(learnt, signals=rows)
+
+
+@pytest.mark.parametrize("axis", [ROLL, PITCH])
+def test_gains_are_made_for_airspeeds_that_lift_carries(learnt, loops, axis):
+    """A push-over at 5.6 m/s was refused: level flight there needed what the model lacked of lift."""
+    slow = in_a_push_over(learnt, 5.6)
+    _, low, _ = airspeeds_of(slow)
+    level = level_flight(slow, low)
+    most = (-slow.flown.coefficients[:, 2]).max()
+    weight = slow.aircraft.mass * 9.80665 / (0.5 * level.density * low**2 * slow.aircraft.wing_area)
+    assert weight == pytest.approx(most, rel=0.1)
+    assert design(slow, axis, ACTUATOR).p == pytest.approx(loops[axis].p, rel=0.05)
