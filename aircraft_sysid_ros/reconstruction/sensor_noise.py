@@ -332,8 +332,18 @@ def slow_part(one: Array) -> float:
 
 
 @njit(cache=True)
-def mean_tilt_error(one: Array) -> float:
-    """What an attitude with an error of its own may be off by in the mean of a flight [rad], one channel of it.
+def mean_attitude_errors(outputs: Array, found: Array) -> None:
+    """What an attitude with an error of its own may be off by in the mean of a flight about its axes, into ``found``
+    (3,) [rad]: one filter makes all of it, and its heading is no better than its tilt, though it shows later.
+    """
+    for i in range(3):
+        found[i] = _mean_error(outputs[i])
+    found[2] = max(found[0], found[1], found[2])
+
+
+@njit(cache=True)
+def _mean_error(one: Array) -> float:
+    """The same of one channel.
 
     A constant tilt and a bias of the accelerometer move the aeroplane alike, and the filter follows both: only a part
     of a slow error is seen in its innovations. Of errors that last _LASTING seconds the mean over a time T has that

@@ -9,7 +9,7 @@ from __future__ import annotations
 import io
 import tempfile
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from types import TracebackType
 from typing import IO
 
@@ -75,7 +75,7 @@ class Segment:
     rows: int
     x: Array
     p: Array
-    tilt_doubt: tuple[float, float] = (0.0, 0.0)  # see ``StateEstimator.tilt_doubt``
+    attitude_doubt: Array = field(default_factory=lambda: np.zeros(3))  # (3,) see ``StateEstimator.attitude_doubt``
 
 
 class _Table:
@@ -130,10 +130,10 @@ class SmootherHistory:
         """The filter was aligned: what follows has nothing to do with what was before."""
         self._segments.append(Segment(setup, 0, 0, np.empty(0), np.empty((0, 0))))
 
-    def add(self, steps: Array, rows: Array, x: Array, p: Array, tilt_doubt: tuple[float, float] = (0.0, 0.0)) -> None:
+    def add(self, steps: Array, rows: Array, x: Array, p: Array, attitude_doubt: Array | None = None) -> None:
         """Steps (m, STEP_WIDTH) and rows (n, StateField.WIDTH), and the filtered state x (19,), p (18, 18) after them.
 
-        ``tilt_doubt``: what the attitude of the recording leaves in doubt of roll and pitch by then [rad].
+        ``attitude_doubt`` (3,): what the attitude of the recording may be off by then [rad].
 
         Raises InputError when they cannot be written.
         """
@@ -148,7 +148,9 @@ class SmootherHistory:
             ) from None
         segment.steps += len(steps)
         segment.rows += len(rows)
-        segment.x, segment.p, segment.tilt_doubt = x.copy(), p.copy(), tilt_doubt
+        segment.x, segment.p = x.copy(), p.copy()
+        if attitude_doubt is not None:
+            segment.attitude_doubt = attitude_doubt.copy()
 
     @property
     def rows(self) -> Array:

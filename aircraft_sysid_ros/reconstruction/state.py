@@ -250,6 +250,7 @@ class Memory(Record):
     calm_walk: npt.NDArray[np.float64]  # (1,) least random walk of the wind: as the flight has it, or the setup
     noise: npt.NDArray[np.float64]  # (kinds, 3, CHANNEL_WIDTH) what was learnt of each sensor, see ``sensor_noise``
     imu_noise: npt.NDArray[np.float64]  # (7, 6) the same of the IMU
+    attitude_doubt: npt.NDArray[np.float64]  # (3,) what an attitude may be off in the mean of a flight [rad]
     moved: npt.NDArray[np.float64]  # (kinds + 1, 24) sums of all corrections, at the newest sample of a kind; last: now
     eta: npt.NDArray[np.float64]  # (25,) working memory of an update: the state, its residual (3,), and the rest
     residual: npt.NDArray[np.float64]
@@ -310,6 +311,7 @@ def new_memory(kinds: int, wind_walk: float) -> Memory:
         calm_walk=np.array([wind_walk]),
         noise=new_channels(kinds),
         imu_noise=new_imu_noise(),
+        attitude_doubt=np.zeros(3),
         moved=np.zeros((kinds + 1, 24)),
         eta=np.zeros(25),
         residual=np.zeros(3),

@@ -35,14 +35,13 @@ from aircraft_sysid_ros.reconstruction.gps_wait import Batch
 from aircraft_sysid_ros.reconstruction.options import StateOptions
 from aircraft_sysid_ros.reconstruction.ordering import Released, TimeOrder
 from aircraft_sysid_ros.reconstruction.sample_loop import DIVERGED, ELSEWHERE, RUNNING, run
-from aircraft_sysid_ros.reconstruction.sensor_noise import believed_variance, bounded, mean_tilt_error
+from aircraft_sysid_ros.reconstruction.sensor_noise import believed_variance, bounded, mean_attitude_errors
 from aircraft_sysid_ros.reconstruction.smoother_history import STEP_WIDTH, SmootherHistory
 from aircraft_sysid_ros.reconstruction.start_up import StartUp
 from aircraft_sysid_ros.reconstruction.state import (
     ATTITUDE,
     D_ACCELEROMETER_BIAS,
     D_AIR_VELOCITY,
-    D_ATTITUDE,
     D_GYRO_BIAS,
     D_POSITION,
     ERROR_SIZE,
@@ -59,7 +58,7 @@ from aircraft_sysid_ros.reconstruction.state import (
     take_noise,
     without_wind,
 )
-from aircraft_sysid_ros.reconstruction.state_row import wind_jacobian, wind_of
+from aircraft_sysid_ros.reconstruction.state_row import doubt_attitudes, wind_jacobian, wind_of
 from aircraft_sysid_ros.reconstruction.stuck_sensors import StuckSensors
 from aircraft_sysid_ros.records import in_array
 from aircraft_sysid_ros.samples import (
@@ -272,7 +271,7 @@ class StateEstimator:
         rows = smooth(self.tape, with_covariance)
         if with_covariance:
             for segment, _, of_segment in self.tape.segments():
-                _doubt_tilt(of_segment, *segment.tilt_doubt)
+                doubt_attitudes(of_segment, segment.attitude_doubt, not segment.setup.wind_std[0] > 0.0)
         airborne = _newest_airborne(rows)
         if self._last_airborne is not None and airborne is not None:
             self._last_airborne = airborne.copy()
@@ -339,10 +338,21 @@ class StateEstimator:
     @property
     def tilt_doubt(self) -> tuple[float, float]:
         """What roll and pitch may be off in the mean of a flight [rad], by an attitude whose noise is not stated."""
-        if self.setup is None or self.setup.given[Kind.ATTITUDE] or not self.memory.fused[Kind.ATTITUDE]:
-            return 0.0, 0.0
-        roll, pitch = (mean_tilt_error(channel) for channel in self.memory.noise[Kind.ATTITUDE][:2])
+        roll, pitch, _ = self.attitude_doubt.tolist()
         return roll, pitch
+
+    @property
+    def heading_doubt(self) -> float:
+        """The same of the heading [rad]."""
+        return float(self.attitude_doubt[2])
+
+    @property
+    def attitude_doubt(self) -> Array:
+        """The same about all body axes (3,) [rad]."""
+        found = np.zeros(3)
+        if self.setup is not None and not self.setup.given[Kind.ATTITUDE] and self.memory.fused[Kind.ATTITUDE]:
+            mean_attitude_errors(self.memory.noise[Kind.ATTITUDE], found)
+        return found
 
     @property
     def sensors(self) -> list[Sensors]:
@@ -505,7 +515,7 @@ class StateEstimator:
                     self._last_airborne = airborne
                 yield rows[:count]
             if self.tape is not None:
-                self.tape.add(tape[:steps], rows[:count], self._x, self._p, self.tilt_doubt)
+                self.tape.add(tape[:steps], rows[:count], self._x, self._p, self.attitude_doubt)
             self._doubt(state)
             if state == RUNNING and end < len(times):
                 self._lose_alignment()
@@ -593,16 +603,6 @@ class StateEstimator:
         """The random walk of the wind at a start: air that is taken as calm has no gusts."""
         least = self.aircraft.process_noise["wind"]
         self.memory.wind_walk[:] = least if self.options.calm_air else max(least, GUSTY_START)
-
-
-def _doubt_tilt(rows: Array, roll: float, pitch: float) -> None:
-    """Widen roll, pitch and the biases that look like them in rows (n, StateField.WIDTH) by what the attitude of the
-    recording may be off in the mean of the flight [rad]: no smoother sees that.
-    """
-    std = rows[:, StateField.STANDARD_DEVIATIONS]
-    for i, doubt in enumerate((roll, pitch)):
-        for at, size in ((D_ATTITUDE + i, doubt), (D_ACCELEROMETER_BIAS + 1 - i, STANDARD_GRAVITY * doubt)):
-            std[:, at] = np.hypot(std[:, at], size)
 
 
 def _newest_airborne(rows: Array) -> Array | None:

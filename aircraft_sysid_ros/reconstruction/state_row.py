@@ -20,7 +20,7 @@ from aircraft_sysid_ros.kernels import njit
 from aircraft_sysid_ros.reconstruction.measurements import air_data_gradient, air_velocity_at
 from aircraft_sysid_ros.reconstruction.process import attitude_of
 from aircraft_sysid_ros.reconstruction.pseudo_measurements import has_vane, is_inferred
-from aircraft_sysid_ros.reconstruction.sensor_noise import mean_tilt_error
+from aircraft_sysid_ros.reconstruction.sensor_noise import mean_attitude_errors
 from aircraft_sysid_ros.reconstruction.state import (
     ACCELEROMETER_BIAS,
     AIR_VELOCITY,
@@ -58,6 +58,7 @@ _ROW_AIR, _ROW_POSITION, _ROW_VELOCITY = (
     StateField.POSITION.start,
     StateField.VELOCITY.start,
 )
+_ROW_ATTITUDE, _ROW_AIR_VELOCITY = StateField.ATTITUDE, StateField.AIR_VELOCITY
 _FORCE, _OMEGA = StateField.SPECIFIC_FORCE.start, StateField.ANGULAR_VELOCITY.start
 _AS_IT_IS = StateField.ATTITUDE.start  # attitude and biases stand in a row as in the state
 _AS_IT_IS_IN_STATE, _AS_IT_IS_COUNT = ATTITUDE.start, AIR_VELOCITY.start - ATTITUDE.start
@@ -131,7 +132,8 @@ def write_row(
     row[_TIME] = time
     write_state(row, x, p, force, rate, setup.imu_position)
     if memory.fused[_ATTITUDE] > 0 and not setup.given[_ATTITUDE]:
-        _doubt_tilt(row, memory.noise[_ATTITUDE])
+        mean_attitude_errors(memory.noise[_ATTITUDE], memory.attitude_doubt)
+        doubt_attitude(row, memory.attitude_doubt, not setup.wind_std[0] > 0.0)
     # once its vane is lost an angle rests on the wind staying as it was: not a measurement, so NaN
     if not (time - memory.last_fused[_ALPHA] < SENSOR_TIMEOUT or is_inferred(_ALPHA, time, x, p, setup, memory)):
         row[_ALPHA_OF_ROW] = np.nan
@@ -148,12 +150,34 @@ def write_row(
 
 
 @njit(cache=True)
-def _doubt_tilt(row: Array, noise: Array) -> None:
-    """Widen roll, pitch and the biases that look like them by what an attitude with an error of its own may be off."""
+def doubt_attitude(row: Array, doubt: Array, of_wind: bool) -> None:
+    """Widen what rests on the attitude by what it may be off about the body axes (3,) [rad] in the mean of a flight.
+
+    Attitude, the biases of the accelerometer that look like roll and pitch, and ``of_wind`` the wind v - C u: the air
+    velocity u is measured in body axes.
+    """
+    for i in range(3):
+        _widen(row, D_ATTITUDE + i, doubt[i] ** 2)
     for i in range(2):
-        doubt = mean_tilt_error(noise[i])
-        for at, size in ((D_ATTITUDE + i, doubt), (D_ACCELEROMETER_BIAS + 1 - i, STANDARD_GRAVITY * doubt)):
-            row[_STD + at] = np.sqrt(row[_STD + at] ** 2 + size**2)
+        _widen(row, D_ACCELEROMETER_BIAS + 1 - i, (STANDARD_GRAVITY * doubt[i]) ** 2)
+    if of_wind:
+        by_attitude = rotation_matrix(row[_ROW_ATTITUDE]) @ cross_matrix(row[_ROW_AIR_VELOCITY])
+        for axis in range(3):
+            _widen(row, D_AIR_VELOCITY + axis, np.sum((by_attitude[axis] * doubt) ** 2))
+
+
+@njit(cache=True)
+def doubt_attitudes(rows: Array, doubt: Array, of_wind: bool) -> None:
+    """The same of each of many rows (n, StateField.WIDTH)."""
+    for row in rows:
+        doubt_attitude(row, doubt, of_wind)
+
+
+@njit(cache=True)
+def _widen(row: Array, at: int, variance: float) -> None:
+    """A standard deviation of a row with a variance that is added to it."""
+    if variance > 0.0:
+        row[_STD + at] = np.sqrt(row[_STD + at] ** 2 + variance)
 
 
 @njit(cache=True)

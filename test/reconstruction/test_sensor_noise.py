@@ -45,7 +45,7 @@ from aircraft_sysid_ros.reconstruction.sensor_noise import (
     share_tilt,
     weigh_bank,
 )
-from aircraft_sysid_ros.reconstruction.state import D_ACCELEROMETER_BIAS, StateField
+from aircraft_sysid_ros.reconstruction.state import D_ACCELEROMETER_BIAS, D_ATTITUDE, StateField
 from aircraft_sysid_ros.reconstruction.state_estimator import StateEstimator
 from aircraft_sysid_ros.samples import Kind, Samples
 from aircraft_sysid_ros.sensors.sensor_models import SensorOptions
@@ -335,6 +335,26 @@ def test_a_bias_is_known_no_better_than_an_attitude_that_drifts_shows_the_tilt()
         assert np.all(sigma < 9.81 * np.deg2rad(0.6))
     assert np.abs(errors).max() < 3.0 and np.sqrt(np.mean(np.square(errors))) < 1.5
     assert np.all(bias_and_doubt(sound, without_variances(sound.samples))[1] < 0.01)  # where it does not drift
+
+
+def test_heading_and_wind_are_known_no_better_than_an_attitude_that_drifts_shows_them():
+    """1 deg over 40 s: heading and wind had been off by 3 to 14 and by 2 to 6 of their sigmas, rms in a flight."""
+    of_heading, of_wind = [], []
+    for seed in (31, 34, 36):
+        flight = simulate_samples(default_aircraft(), seed, 80.0, sensors=SensorOptions(attitude=True))
+        drifts = partial(gauss_markov, std=1.0, constant=40.0, seed=seed)
+        state, rows = flown(bare(flight.aircraft), drifting(without_variances(flight.samples), drifts))
+        late = rows[rows[:, 0] > rows[0, 0] + 40.0][::20]
+        truth = flight.truth.at(late[:, 0] + (state.epoch - int(flight.biases.stamp[0])) * 1e-9)
+        pairs = zip(late[:, StateField.ATTITUDE], truth.quaternion, strict=True)
+        turns = np.array([quaternion_log(quaternion_product(quaternion_conjugate(mine), q)) for mine, q in pairs])
+        of_heading.append(turns[:, 2] / late[:, StateField.STANDARD_DEVIATIONS][:, D_ATTITUDE + 2])
+        of_wind.append((truth.wind - late[:, StateField.WIND]) / late[:, StateField.WIND_STD])
+        heading = state.heading_doubt
+        assert 0.0 < heading < np.deg2rad(3.0)
+        assert late[-1, StateField.STANDARD_DEVIATIONS][D_ATTITUDE + 2] > heading
+    assert np.sqrt(np.mean(np.square(of_heading))) < 2.5
+    assert np.sqrt(np.mean(np.square(of_wind), axis=(0, 1))).max() < 2.5
 
 
 def askew(samples, seed):

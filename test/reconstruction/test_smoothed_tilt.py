@@ -1,23 +1,24 @@
-"""An attitude with a slow error of its own leaves tilt and bias of the accelerometer in doubt, smoothed or not."""
+"""A slow error of an attitude leaves tilt, heading, wind and bias of the accelerometer in doubt, smoothed or not."""
 
 import numpy as np
 from aircraft_files import of_shape
 
 from aircraft_sysid_ros.aircraft.frames import quaternion_exp, quaternion_product
 from aircraft_sysid_ros.reconstruction.smoother_history import SmootherHistory
-from aircraft_sysid_ros.reconstruction.state import D_ACCELEROMETER_BIAS, D_ATTITUDE, StateField
+from aircraft_sysid_ros.reconstruction.state import D_ACCELEROMETER_BIAS, D_AIR_VELOCITY, D_ATTITUDE, StateField
 from aircraft_sysid_ros.reconstruction.state_estimator import StateEstimator
 from aircraft_sysid_ros.samples import Kind, Samples
 from aircraft_sysid_ros.sensors.sensor_models import SensorOptions
 from aircraft_sysid_ros.simulation.simulated_flight import simulate_samples
 
 SLOW = 0.02  # [rad]
+D_WIND = D_AIR_VELOCITY  # of standard deviations in a row
 
 
 def with_slow_error(samples: Samples) -> Samples:
     values, time = samples.values.copy(), (samples.stamp - samples.stamp[0]) * 1e-9
     for i in np.flatnonzero(samples.kind == Kind.ATTITUDE):
-        error = SLOW * np.array([np.sin(time[i] / 6.0), np.sin(time[i] / 5.0 + 1.0), 0.0])
+        error = SLOW * np.array([np.sin(time[i] / 6.0), np.sin(time[i] / 5.0 + 1.0), np.sin(time[i] / 4.0 + 2.0)])
         values[i, :4] = quaternion_product(values[i, :4], quaternion_exp(error))
     return Samples(samples.stamp, samples.kind, values)
 
@@ -36,6 +37,10 @@ def test_smoothing_does_not_take_away_the_doubt_of_a_drifting_attitude(aircraft)
         assert (std[:, D_ACCELEROMETER_BIAS] > 9.8 * pitch).all()
         assert (std[:, D_ACCELEROMETER_BIAS + 1] > 9.8 * roll).all()
         assert (std[:, D_ACCELEROMETER_BIAS + 2] < 9.8 * min(roll, pitch)).any()
+        rows, heading = estimator.tape.rows, estimator.heading_doubt
+        assert heading > 0.1 * SLOW and (std[:, D_ATTITUDE + 2] > heading).all()
+        assert (np.hypot(std[:, D_WIND], std[:, D_WIND + 1]) > 0.9 * heading * rows[:, StateField.AIRSPEED]).all()
+        assert (std[:, D_WIND + 2] > 0.5 * pitch * rows[:, StateField.AIRSPEED]).all()
 
 
 def test_the_doubt_is_that_of_each_flight(aircraft) -> None:
