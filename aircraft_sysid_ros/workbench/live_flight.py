@@ -1,6 +1,7 @@
 """What a running parameter node has said lately, in bounded memory: plain dictionaries in, rows for the views out.
 
-Times are seconds of flight since the first message that was heard of this flight; stamps are those of the messages.
+Times are seconds of flight since the first error or state that was heard of this flight; stamps are those of the
+messages. The newest parameters and findings are said again to whoever comes later: they tell no time of flight.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ _MOST_ADDED = 100
 #: A stamp that is older than the last by more than this [s] is of another flight.
 _BACK = 1.0
 ERRORS, PARAMETERS, MISSING, STATE = "errors", "parameters", "missing", "state"
+_SAID_AGAIN = (PARAMETERS, MISSING)
 
 
 @dataclass
@@ -61,18 +63,22 @@ class LiveFlight:
 
     @property
     def silent(self) -> float | None:
-        """Time [s] since the last message of the parameter node; None before the first."""
+        """Time [s] since the parameter node said something new; None before the first."""
         return None if self.last_heard is None else self.clock() - self.last_heard
 
     def take(self, kind: str, content: Mapping[str, Any]) -> None:
         """One message."""
         stamp = content["stamp"] / NANOSECONDS
-        if stamp < self._newest.get(kind, stamp) - _BACK:
+        newest = self._newest.get(kind, stamp)
+        if kind in _SAID_AGAIN and stamp < newest:
+            return
+        if stamp < newest - _BACK:
             self._restart()
         self._newest[kind] = stamp
-        self._zero = stamp if self._zero is None else self._zero
-        content = {**content, "time": stamp - self._zero}
-        if kind != STATE:
+        if kind not in _SAID_AGAIN:
+            self._zero = stamp if self._zero is None else self._zero
+            content = {**content, "time": stamp - self._zero}
+        if kind == ERRORS:  # with which the parameters come
             self.last_heard = self.clock()
         {ERRORS: self._errors, PARAMETERS: self._parameters, MISSING: self._missing, STATE: self.states.append}[kind](
             content

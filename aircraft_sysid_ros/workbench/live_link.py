@@ -128,23 +128,23 @@ class _Link:
         from diagnostic_msgs.msg import DiagnosticArray
         from rclpy.qos import QoSProfile, ReliabilityPolicy
 
-        from aircraft_sysid_ros.nodes.common import make_executor
+        from aircraft_sysid_ros.nodes.common import make_executor, newest_quality
 
         self._pipe, self._state, self._due = pipe, b"", 0.0
         self._node = rclpy.create_node("workbench", namespace=namespace or None)
         nodes: list[Any] = [self._node]
         self._executor = make_executor(nodes)
         self._hear(msg.ModelError, "model_error", ERRORS, errors_content)
-        self._hear(msg.Parameters, "parameters", PARAMETERS, parameters_content)
-        self._hear(msg.MissingEffects, "missing_effects", MISSING, missing_content)
+        self._hear(msg.Parameters, "parameters", PARAMETERS, parameters_content, newest_quality())
+        self._hear(msg.MissingEffects, "missing_effects", MISSING, missing_content, newest_quality())
         self._inputs: tuple[str, ...] = ()
         self._node.create_subscription(DiagnosticArray, "/diagnostics", self._diagnosed, 10)
         newest = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
         # Raw: hundreds of states a second come, and four are read.
         self._node.create_subscription(msg.AircraftState, f"{STATE_NODE}/state", self._keep, newest, raw=True)
 
-    def _hear(self, kind: Any, topic: str, name: str, content: Any) -> None:
-        self._node.create_subscription(kind, f"{NODE}/{topic}", lambda m: self._pipe.send((name, content(m))), 10)
+    def _hear(self, kind: Any, topic: str, name: str, content: Any, quality: Any = 10) -> None:
+        self._node.create_subscription(kind, f"{NODE}/{topic}", lambda m: self._pipe.send((name, content(m))), quality)
 
     def _diagnosed(self, message: Any) -> None:
         """Of all diagnostics: which inputs the aircraft file of the parameter node names."""

@@ -60,6 +60,20 @@ def test_memory_is_bounded_and_another_flight_begins_anew() -> None:
     assert flight.errors[0]["time"] == 0.0
 
 
+def test_what_was_said_before_anybody_heard_does_not_count_as_heard() -> None:
+    """A node says its newest parameters and findings again to whoever comes later, the oldest first."""
+    flight = LiveFlight()
+    for second in (0.0, 30.0):
+        flight.take("missing", {**parameters(second, "a"), "verdict": f"{second:.0f}", "candidates": []})
+    flight.take("parameters", parameters(60.0, "a", "Cl_beta"))
+    assert flight.silent is None
+    flight.take("errors", errors(61.0))
+    flight.take("missing", {**parameters(0.0, "a"), "verdict": "0", "candidates": []})  # the link was begun anew
+    flight.take("parameters", parameters(50.0, "a"))
+    assert flight.missing["verdict"] == "30" and flight.parameters["parameters"] and flight.number == 0
+    assert [row["time"] for row in flight.errors] == [0.0] and flight.silent < 60.0
+
+
 def test_what_was_added_is_known_until_its_terms_are_gone() -> None:
     flight = LiveFlight()
     flight.take("errors", errors(0.0, "a", 0.3))
@@ -145,7 +159,7 @@ def test_rows_cards_and_figures() -> None:
     [
         (False, False, None, "no /node yet"),
         (False, True, 12.0, "/node is gone"),
-        (True, True, None, "has said nothing yet"),
+        (True, True, None, "has said nothing new yet"),
         (True, True, 12.0, "has said nothing for 12 s"),
         (True, True, 0.5, ""),
     ],

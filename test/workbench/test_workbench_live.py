@@ -17,6 +17,8 @@ from aircraft_sysid_ros.commands.main import main
 from aircraft_sysid_ros.recordings.storage import read_raw
 from aircraft_sysid_ros.simulation.simulated_flight import simulate_samples
 from aircraft_sysid_ros.simulation.truth_files import write_flight
+from aircraft_sysid_ros.workbench.live_flight import MISSING
+from aircraft_sysid_ros.workbench.live_link import start_link
 
 pytest.importorskip("rclpy")
 pytest.importorskip("aircraft_sysid_msgs.msg")
@@ -170,11 +172,13 @@ def speaking(namespace: str):
     from aircraft_sysid_msgs.msg import AxisError, ModelError, Parameter, Parameters
     from rclpy.context import Context
 
+    from aircraft_sysid_ros.nodes.common import newest_quality
+
     context = Context()
     rclpy.init(context=context)
     node = rclpy.create_node("parameter_estimator", namespace=namespace, context=context)
     errors = node.create_publisher(ModelError, "~/model_error", 10)
-    parameters = node.create_publisher(Parameters, "~/parameters", 10)
+    parameters = node.create_publisher(Parameters, "~/parameters", newest_quality())
 
     def say(second: int, model: str, error: float) -> None:
         listed = [
@@ -218,6 +222,34 @@ def test_a_node_in_a_namespace_on_a_tablet_in_the_dark(served, open_page) -> Non
         page.click(marked("tab-parameters"))
         wait_for_text(page, "parameters", "Cl_beta")
         page.context.close()
+
+
+def test_a_page_that_is_opened_later_shows_what_was_found_before() -> None:
+    """It said "not looked for yet" until the next search, and for ever of a node that hears no states any more."""
+    import rclpy
+    from aircraft_sysid_msgs.msg import MissingEffects
+    from rclpy.context import Context
+
+    from aircraft_sysid_ros.nodes.common import newest_quality
+
+    context = Context()
+    rclpy.init(context=context)
+    node = rclpy.create_node("parameter_estimator", namespace="late", context=context)
+    node.create_publisher(MissingEffects, "~/missing_effects", newest_quality()).publish(MissingEffects(verdict="none"))
+    process, pipe = start_link("/late")
+    try:
+        deadline, heard = time.monotonic() + PATIENCE, {}
+        while MISSING not in heard:
+            assert time.monotonic() < deadline
+            if pipe.poll(0.5):
+                kind, content = pipe.recv()
+                heard[kind] = content
+        assert heard[MISSING]["verdict"] == "none"
+    finally:
+        process.kill()
+        process.join()
+        node.destroy_node()
+        context.try_shutdown()
 
 
 def test_a_namespace_that_is_none_is_one_sentence(capsys) -> None:

@@ -172,7 +172,7 @@ def presence_sentence(node: str, is_there: bool, was_there: bool, silent: float 
         ago = "" if silent is None else f", of {silent:.0f} s ago"
         return f"{node} is gone: what stands here is the last that it said{ago}; this page connects again by itself"
     if silent is None:
-        return f"{node} is there and has said nothing yet: it waits for states in flight"
+        return f"{node} is there and has said nothing new yet: it waits for states in flight"
     if silent > SILENCE:
         return f"{node} has said nothing for {silent:.0f} s: no new states in flight reach it"
     return ""
