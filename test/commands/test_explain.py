@@ -812,7 +812,7 @@ def test_bad_input_is_one_sentence_and_leaves_nothing(refused, run_with_hidden_e
         assert "must be from 2 to 50" in refused("explain", bag, *file, "--out", out, "--replicas", replicas)
     recording = run_with_hidden_effect.parent / "flight"
     assert "is for logs of autopilots" in refused("explain", recording, *file, "--out", out, "--servos", file[1])
-    assert "--map is for other logs" in refused("explain", recording, *file, "--out", out, "--map", file[1])
+    assert "unknown key 'name' of the map" in refused("explain", recording, *file, "--out", out, "--map", file[1])
     assert "--chord X --inertia" in refused("explain", bag, "--mass", 2, "--span", 1, "--wing-area", 1, "--out", out)
     assert "--mass does not go with --aircraft" in refused("explain", bag, *file, "--mass", 2, "--out", out)
     shape = ("--mass", 2, "--span", 1, "--wing-area", 1, "--chord", 1)

@@ -11,6 +11,7 @@ from rosbags.convert.converter import convert
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
+from aircraft_sysid_ros.after_flight.explanation.explain import ExplainOptions, _recording
 from aircraft_sysid_ros.after_flight.log_import import guess_columns, import_log
 from aircraft_sysid_ros.aircraft.frames import quaternion_from_euler
 from aircraft_sysid_ros.errors import InputError
@@ -101,6 +102,28 @@ def test_topics_of_any_name_are_guessed_and_imported(flown, bag, tmp_path, ros):
     np.testing.assert_allclose(
         samples[samples.kind == Kind.AIRSPEED].values[:, 0], flown["true_airspeed"][::2], atol=1e-5
     )
+
+
+def test_explain_takes_a_map_of_a_bag_that_has_an_imu_by_our_name(flown, tmp_path):
+    """It was refused as a recording, and without the map the flight has no air data."""
+    messages = [(at, topic.replace("/vn100/imu", "/imu/data"), *rest) for at, topic, *rest in _messages(flown)]
+    log = write_bag(tmp_path / "flight", {"lab_msgs/msg/Probe": PROBE}, messages)
+    angle = "{column: alpha_deg, unit: deg}"
+    imu = "".join(
+        f"      {name}.{axis}: {{column: {column}.{axis}, unit: {unit}, sign: {1 if axis == 'x' else -1}}}\n"
+        for name, column, unit in (
+            ("specific_force", "linear_acceleration", "m/s^2"), ("angular_velocity", "angular_velocity", "rad/s")
+        )
+        for axis in "xyz"
+    )  # fmt: skip
+    (tmp_path / "map.yaml").write_text(
+        "tables:\n"
+        f"  - file: imu/data\n    time: {{column: stamp, unit: ns}}\n    signals:\n{imu}"
+        f"  - file: boom/angles\n    time: {{column: stamp, unit: ns}}\n    signals:\n      angle_of_attack: {angle}\n"
+    )
+    options = ExplainOptions(columns=str(tmp_path / "map.yaml"))
+    recording, _ = _recording(log, tmp_path / "bag", options)
+    assert Kind.ANGLE_OF_ATTACK in read_recording(recording).samples.kind
 
 
 def test_topics_of_cameras_and_of_what_is_asked_for_are_not_the_flight(flown, bag, tmp_path):

@@ -9,6 +9,7 @@ from aircraft_sysid_ros.aircraft.atmosphere import STANDARD_GRAVITY as G
 from aircraft_sysid_ros.recordings.tabular.column_expression import parse_column_expression
 from aircraft_sysid_ros.recordings.tabular.guess.first_map import guess_map
 from aircraft_sysid_ros.recordings.tabular.guess.names import guess_ground_track, guess_name
+from aircraft_sysid_ros.recordings.tabular.guess.two_sides import two_sided_columns
 from aircraft_sysid_ros.recordings.tabular.signals import UNITS
 from aircraft_sysid_ros.recordings.tabular.source import open_source
 from aircraft_sysid_ros.recordings.tabular.units import conversion
@@ -356,6 +357,13 @@ def test_pulses_of_two_servos_are_no_angle(tmp_path, flown):
     pulse = 10.0 * DEGREES * flown["aileron"]
     line = _aileron_of(tmp_path, flown, {"ail_left": 1500.0 - pulse, "ail_right": 1510.0 + pulse})
     assert not line.active and "ail_left: it goes up to" in line.evidence
+
+
+def test_of_two_sides_in_unlike_units_it_is_said_why_they_make_no_line(flown):
+    """They were passed over without a word."""
+    sides = {"ail_left": -DEGREES * flown["aileron"], "ail_right": flown["aileron"]}
+    (column,), names = two_sided_columns("log", sides, {"ail_left": "deg", "ail_right": "rad"}, flown["time"])
+    assert column.doubt == "ail_left is in deg, ail_right in rad" and names == set(sides)
 
 
 def test_commands_of_two_sides_come_after_their_deflections_and_are_never_sure(tmp_path, flown):

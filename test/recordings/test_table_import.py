@@ -268,6 +268,23 @@ def test_positions_in_metres_keep_their_distances(tmp_path):
     assert any("45° north" in note for note in report["notes"])
 
 
+def test_a_longitude_of_another_clock_goes_over_180_degrees(tmp_path):
+    """Between 179.99 and -179.99 degrees east it was somewhere near Greenwich."""
+    time = np.arange(0.0, 4.0, 0.2)
+    east = 179.999 + 1e-4 * time / 0.2
+    layouts.write_rows(tmp_path / "lat.csv", ["t", "lat", "alt"], [time, 0.0 * time + 20.0, 0.0 * time + 300.0])
+    layouts.write_rows(tmp_path / "lon.csv", ["t", "lon"], [time + 0.1, np.where(east > 180.0, east - 360.0, east)])
+    places = [("latitude", "lat", "deg"), ("altitude", "alt", "m")]
+    parts = [
+        ("lat.csv", "{column: t, unit: s}", places),
+        ("lon.csv", "{column: t, unit: s}", [("longitude", "lon", "deg")]),
+    ]
+    _, samples, _ = imported(tmp_path, layouts.map_of(*parts), tmp_path)
+    found = np.degrees(samples.values[:, 1])
+    assert len(found) == len(time) - 1 and np.all(np.abs(found) <= 180.0)
+    np.testing.assert_allclose(np.mod(found, 360.0), east[1:] - 5e-5, atol=1e-9)
+
+
 def test_files_of_one_pattern_continue_each_other(flown, tmp_path):
     stamp, c = flown.on_one_grid(held=False)
     for i, rows in ((2, slice(900, None)), (10, slice(0, 900))):  # their order is that of their times

@@ -335,21 +335,19 @@ def _recording(log: Path, target: Path, options: ExplainOptions) -> tuple[Path, 
         raise InputError(f"{log} is a run: give the recording or the log that it was made from, to be explained again")
     is_bag = log.suffix.lower() in BAGS or (log.is_dir() and (log / "metadata.yaml").exists())
     refused = None
-    if is_bag and not is_autopilot_bag(log):
+    if is_bag and not options.columns and not is_autopilot_bag(log):
         try:
             read_recording(log)
         except InputError as error:
             refused = error
         if refused is None:
-            if options.columns:
-                raise InputError(f"--map is for other logs: {log} is a recording, and itself says what it holds")
             if options.calibration:
                 raise InputError(f"--servos is for logs of autopilots: the recording {log} needs none")
             return log, []
     try:
         report = import_log(log, target, columns=options.columns, calibration=options.calibration)
     except InputError as error:
-        raise (error if options.columns else refused or error) from None
+        raise (refused or error) from None
     notes = [f"{name}: {why}" for name, why in report["missing"].items()]
     return target, [*notes, *report["notes"]]
 

@@ -40,8 +40,14 @@ def windows(streams: Sequence[Stream]) -> list[Window]:
 
 
 def value_at(stream: Stream, component: int, at: Stamps) -> Array:
-    """A component (n,) at stamps (n,): as measured where it was, between neighbours linear, NaN across gaps."""
-    stamp, found = _interpolated(stream, component, at)
+    """A component (n,) at stamps (n,): as measured where it was, between neighbours linear, NaN across gaps.
+
+    A longitude goes the short way, over 180 degrees too.
+    """
+    goes_round = stream.signals[component] == "longitude"
+    stamp, found = _interpolated(stream, component, at, goes_round=goes_round)
+    if goes_round:
+        found = np.where(np.abs(found) > np.pi, np.mod(found + np.pi, 2.0 * np.pi) - np.pi, found)
     return np.where(_is_near(stamp, at, stream.step_of(component)), found, np.nan) if len(stamp) else found
 
 
@@ -50,7 +56,9 @@ def slow_value_at(stream: Stream, component: int, at: Stamps) -> Array:
     return _interpolated(stream, component, at, at_ends=None)[1]
 
 
-def _interpolated(stream: Stream, component: int, at: Stamps, at_ends: float | None = np.nan) -> tuple[Stamps, Array]:
+def _interpolated(
+    stream: Stream, component: int, at: Stamps, *, at_ends: float | None = np.nan, goes_round: bool = False
+) -> tuple[Stamps, Array]:
     """Stamps (m,) near those asked for (n,) at which a component is measured, and its values (n,) between these."""
     if not len(at):
         return np.empty(0, np.int64), np.empty(0)
@@ -60,6 +68,8 @@ def _interpolated(stream: Stream, component: int, at: Stamps, at_ends: float | N
     stamp, values = stamp[known], values[known]
     if not len(stamp):
         return stamp, np.full(len(at), np.nan)
+    if goes_round:
+        values = np.unwrap(values)
     zero = int(at[0])
     return stamp, np.interp(at - zero, stamp - zero, values, left=at_ends, right=at_ends)
 

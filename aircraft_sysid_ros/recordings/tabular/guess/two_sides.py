@@ -55,7 +55,7 @@ def two_sided_columns(
             sides.setdefault((guess.signal, rest), {}).setdefault(side, found)
     timed, columns, taken = np.isfinite(time), [], set()
     for (signal, _), both in sides.items():
-        if len(both) < 2 or both["left"].unit != both["right"].unit:
+        if len(both) < 2:
             continue
         left, right = both["left"], both["right"]
         text, why, doubt = _made_of(signal, left, right)
@@ -73,8 +73,10 @@ def two_sided_columns(
 def _made_of(signal: str, left: _Side, right: _Side) -> tuple[str, str, str]:
     """The expression of both sides, why it is that, and why it may not be."""
     one, other = quoted(right.name), quoted(left.name)
+    unlike = f"{left.name} is in {left.unit or 'no unit'}, {right.name} in {right.unit or 'none'}"
+    doubt = unlike if left.unit != right.unit else ""
     if _MAKE[signal] == "sum":
-        return f"{one} + {other}", f"the sum of {left.name} and {right.name}", ""
+        return f"{one} + {other}", f"the sum of {left.name} and {right.name}", doubt
     there = np.isfinite(left.values) & np.isfinite(right.values)
     move = [bool(there.any() and np.ptp(side.values[there]) > 0.0) for side in (left, right)]
     found = float(np.corrcoef(left.values[there], right.values[there])[0, 1]) if all(move) else np.nan
@@ -84,7 +86,8 @@ def _made_of(signal: str, left: _Side, right: _Side) -> tuple[str, str, str]:
     what = f"half of the {'difference' if way == '-' else 'sum'} of {left.name} and {right.name}"
     how = f", which move {'against each other' if is_against else 'together'} (correlation {found:.2f})"
     is_doubted = any(move) and not is_told and signal not in _ENGINES
-    doubt = f"{left.name} and {right.name} do not move as one" if is_doubted else ""
+    if is_doubted and not doubt:
+        doubt = f"{left.name} and {right.name} do not move as one"
     return f"({one} {way} {other})/2", what + (how if is_told else ""), doubt
 
 
