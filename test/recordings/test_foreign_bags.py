@@ -117,7 +117,7 @@ def test_explain_takes_a_map_of_a_bag_that_has_an_imu_by_our_name(flown, tmp_pat
         for axis in "xyz"
     )  # fmt: skip
     (tmp_path / "map.yaml").write_text(
-        "tables:\n"
+        "clock: utc\ntables:\n"
         f"  - file: imu/data\n    time: {{column: stamp, unit: ns}}\n    signals:\n{imu}"
         f"  - file: boom/angles\n    time: {{column: stamp, unit: ns}}\n    signals:\n      angle_of_attack: {angle}\n"
     )
