@@ -28,6 +28,7 @@ from aircraft_sysid_ros.workbench.worker import (
     Done,
     Failed,
     Job,
+    Made,
     Told,
     start_worker,
 )
@@ -69,6 +70,7 @@ class Session:
         self._closed, self._lock = False, threading.Lock()
         self._damaged_at: tuple[int, ...] = ()
         self._is_stopped = False  # by a user
+        self.made = ""  # what is said of the job under way, where it is done and the run is still read
         self._process, self._pipe = start_worker(self.path)
         self._thread = threading.Thread(target=self._listen, daemon=True)
         self._thread.start()
@@ -108,7 +110,7 @@ class Session:
 
     def _take(self, job: Job) -> None:
         """From now on a job is under way."""
-        self.job, self.began = job, time.monotonic()
+        self.job, self.began, self.made = job, time.monotonic(), ""
         self.told = Told(WORDS[job.kind].format(self.path), 0.0)
         if job.kind not in READS:
             self.sentence, self.is_bad = "", False
@@ -122,7 +124,7 @@ class Session:
         return True
 
     def stop(self) -> None:
-        """End the job under way, at once; the run is as it was before."""
+        """End the job under way, at once; the run is as it was before, unless the job is done and the run is read."""
         if self.job is not None and self.job.kind not in READS:
             self._is_stopped = True
             self._process.kill()  # the listener notices and starts another worker
@@ -167,9 +169,11 @@ class Session:
         if not self.damage or signature_of(self.path) != self._damaged_at:
             self.start(Job(LOAD))
 
-    def _hear(self, answer: Told | Done | Failed) -> None:
+    def _hear(self, answer: Told | Made | Done | Failed) -> None:
         if isinstance(answer, Told):
             self.told = answer
+        elif isinstance(answer, Made):
+            self.made = answer.sentence
         elif isinstance(answer, Done):
             self._done(answer)
         else:
@@ -227,8 +231,13 @@ class Session:
         self._process, self._pipe = start_worker(self.path)
         lost, self.job, self.waiting = self.job, None, None
         remedy = "close other programs, and start the workbench again"
-        if self._is_stopped:
-            self.sentence, self.is_bad, self._is_stopped = "stopped: the run is as it was", False, False
+        is_stopped, self._is_stopped = self._is_stopped, False
+        if lost is not None and self.made:
+            self.sentence, self.is_bad = self.made, False
+        elif is_stopped and (lost is None or lost.kind in READS):
+            pass  # it was done just then, and is said
+        elif is_stopped:
+            self.sentence, self.is_bad = "stopped: the run is as it was", False
         elif lost is not None and lost.kind == LOAD:
             self.damage, self._damaged_at = ENDED.format(f"reading {self.path}", remedy), signature_of(self.path)
         elif lost is not None and lost.kind == RECORD:

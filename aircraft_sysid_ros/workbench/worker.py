@@ -40,6 +40,13 @@ class Told:
 
 
 @dataclass(frozen=True)
+class Made:
+    """The work of a job is done and written, and what is to be said of it; the run is still to be read."""
+
+    sentence: str
+
+
+@dataclass(frozen=True)
 class Done:
     """A job is done: a new RunView where the run was read, what is to be said, or a FlightRecord."""
 
@@ -70,7 +77,7 @@ def start_worker(path: str | Path) -> tuple[Any, Connection]:
 def _serve(pipe: Connection, path: str) -> None:
     """Do jobs until the pipe is closed."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the server
-    desk = Desk(path, lambda what, share: pipe.send(Told(what, share)))
+    desk = Desk(path, lambda what, share: pipe.send(Told(what, share)), lambda sentence: pipe.send(Made(sentence)))
     while True:
         try:
             job = pipe.recv()
@@ -93,8 +100,10 @@ def _serve(pipe: Connection, path: str) -> None:
 class Desk:
     """Does jobs on one run; comparisons of versions that it has made are kept."""
 
-    def __init__(self, path: str, progress: Callable[[str, float], None]) -> None:
-        self.path, self.progress = path, progress
+    def __init__(
+        self, path: str, progress: Callable[[str, float], None], made: Callable[[str], None] = lambda sentence: None
+    ) -> None:
+        self.path, self.progress, self.made = path, progress, made
         self._view: Any = None
 
     def do(self, job: Job) -> Done:
@@ -109,6 +118,8 @@ class Desk:
             RETURN: self._return,
         }.get(job.kind, self._nothing)  # fmt: skip
         sentence = work(job)
+        if sentence:
+            self.made(sentence)
         return Done(job, view=self._read(), sentence=sentence)
 
     def _read(self) -> Any:

@@ -11,14 +11,18 @@ import pytest
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.workbench import session as sessions
 from aircraft_sysid_ros.workbench.session import Session
-from aircraft_sysid_ros.workbench.worker import DIAGNOSE, LOAD, RECORD, Done, Job
+from aircraft_sysid_ros.workbench.worker import ADD, DIAGNOSE, LOAD, RECORD, Done, Job, Made
 
 
 class Process:
-    """One that is over at once."""
+    """One that ends with its pipe."""
+
+    def __init__(self, pipe) -> None:
+        self.pipe = pipe
 
     def kill(self) -> None:
-        """It is over."""
+        """Its pipe ends."""
+        self.pipe.close()
 
     def join(self) -> None:
         """It is over."""
@@ -41,6 +45,11 @@ def fatal(monkeypatch):
     def serve(pipe) -> None:
         try:
             while (job := pipe.recv()).kind not in kinds:
+                if job.kind == ADD:  # it is written, and the run is read for long
+                    pipe.send(Made("added"))
+                    while True:
+                        time.sleep(0.01)
+                        pipe.poll()  # an error once it is killed
                 pipe.send(
                     Done(job, view=View() if job.kind == LOAD else None, record="read" if job.kind == RECORD else None)
                 )
@@ -52,7 +61,7 @@ def fatal(monkeypatch):
         ours, theirs = multiprocessing.Pipe()
         started.append(path)
         threading.Thread(target=serve, args=(theirs,), daemon=True).start()
-        return Process(), ours
+        return Process(theirs), ours
 
     monkeypatch.setattr(sessions, "start_worker", start_worker)
     monkeypatch.setattr(sessions, "signature_of", lambda path: ())
@@ -92,5 +101,23 @@ def test_work_that_nobody_has_stopped_is_not_called_stopped(fatal, tmp_path) -> 
         session.start(Job(DIAGNOSE))
         settled(session, started)
         assert "memory" in session.sentence and "the run is as it was" in session.sentence and session.is_bad
+    finally:
+        session.close()
+
+
+def test_work_that_is_done_when_it_is_stopped_is_not_called_undone(fatal, tmp_path) -> None:
+    """While the new version was read Stop said that the run is as it was, and the version was there."""
+    _, started = fatal
+    session = Session(tmp_path)
+    try:
+        session.wait(5.0)
+        settled(session, started)
+        session.start(Job(ADD, "stall"))
+        deadline = time.monotonic() + 5.0
+        while not session.made and time.monotonic() < deadline:
+            time.sleep(0.01)
+        session.stop()
+        settled(session, started)
+        assert session.sentence == "added" and not session.is_bad and not session.busy
     finally:
         session.close()
