@@ -6,10 +6,11 @@ JSBSim has no tanh, sign or square root in all of its versions: they are written
 from __future__ import annotations
 
 import ast
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from xml.etree.ElementTree import Element
 
 _SAME = {"abs": "abs", "sin": "sin", "cos": "cos", "exp": "exp", "max": "max", "min": "min"}
+_WITH_MEMORY = ("lag", "limited")
 _OPERATORS: dict[type[ast.operator], str] = {
     ast.Add: "sum", ast.Sub: "difference", ast.Mult: "product", ast.Div: "quotient",
 }  # fmt: skip
@@ -37,8 +38,24 @@ def node(operation: str, *arguments: Element) -> Element:
 
 
 def function_of(text: str, properties: Mapping[str, str], lags: Mapping[str, str]) -> Element:
-    """A term (canonical text of ``expression.Program``) with the property of each signal and of each lag."""
-    return _element(ast.parse(text, mode="eval").body, properties, lags)
+    """A term (canonical text of ``expression.Program``) with the property of each signal and of each lag.
+
+    It is 0 where a root in it is one of a negative number, as it is learnt.
+    """
+    tree = ast.parse(text, mode="eval").body
+    guards = [node("ge", _element(under, properties, lags), number(0.0)) for under in _under_roots(tree)]
+    term = _element(tree, properties, lags)
+    return node("product", *guards, term) if guards else term
+
+
+def _under_roots(tree: ast.AST) -> Iterator[ast.expr]:
+    """What roots are taken of, but within lags, which are elements of their own."""
+    name = ast.unparse(tree.func) if isinstance(tree, ast.Call) else ""
+    if isinstance(tree, ast.Call) and name == "sqrt":
+        yield tree.args[0]
+    if name not in _WITH_MEMORY:
+        for child in ast.iter_child_nodes(tree):
+            yield from _under_roots(child)
 
 
 def _element(tree: ast.expr, properties: Mapping[str, str], lags: Mapping[str, str]) -> Element:
@@ -57,7 +74,7 @@ def _element(tree: ast.expr, properties: Mapping[str, str], lags: Mapping[str, s
     if isinstance(tree, ast.BinOp):
         return node(_OPERATORS[type(tree.op)], of(tree.left), of(tree.right))
     assert isinstance(tree, ast.Call) and isinstance(tree.func, ast.Name)
-    if tree.func.id in ("lag", "limited"):
+    if tree.func.id in _WITH_MEMORY:
         return prop(lags[ast.unparse(tree).replace(" ", "")])
     return _call(tree.func.id, [of(argument) for argument in tree.args])
 
@@ -67,7 +84,7 @@ def _call(name: str, arguments: list[Element]) -> Element:
         return node(_SAME[name], *arguments)
     (x,) = arguments
     if name == "sqrt":
-        return node("pow", x, number(0.5))
+        return node("pow", node("max", x, number(0.0)), number(0.5))
     if name == "sign":
         return node("difference", node("gt", x, number(0.0)), node("lt", x, number(0.0)))
     # tanh x = 1 - 2 / (exp 2x + 1)

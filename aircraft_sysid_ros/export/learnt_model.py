@@ -83,9 +83,14 @@ class LearntModel:
         return any(np.isfinite(p.value) for p in self.parameters[self.model.axis_slice(axis)])
 
     def terms_on(self, signals: Array) -> Array:
-        """All terms (n, k) on signal rows in order of time."""
-        time, rows = signals[:, self.model.signal_names.index("time")], np.ascontiguousarray(signals)
-        return self.model.terms_along(time, rows, 1.5 * self.step)
+        """All terms (n, k) on signal rows in order of time; 0 of one that is undefined there, as they were learnt."""
+        names = self.model.signal_names
+        time, rows = signals[:, names.index("time")], np.ascontiguousarray(signals)
+        terms = self.model.terms_along(time, rows, 1.5 * self.step)
+        for k, program in enumerate(program for programs in self.model.programs for program in programs):
+            known = np.isfinite(signals[:, [names.index(name) for name in program.signals]]).all(axis=1)
+            terms[known & ~np.isfinite(terms[:, k]), k] = 0.0
+        return terms
 
     def coefficients_of(self, terms: Array) -> Array:
         """C_X … C_n (n, 6) of terms (n, k); terms whose parameter is not known count nothing, even where NaN."""

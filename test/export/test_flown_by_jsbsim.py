@@ -103,6 +103,23 @@ def test_every_kind_of_term_is_held_about_any_reference_point(learnt, held_out):
         assert np.abs(ours).min() > 1e-6
 
 
+def test_a_term_that_is_undefined_counts_nothing_as_it_was_learnt(learnt, held_out):
+    """A root of a negative number ended the export of level flight, and was no number in JSBSim."""
+    rooted = {**ODD_TERMS, "CZ": ["1", "alpha", "sqrt(alpha-0.06)", "1+sqrt(beta)"]}
+    odd = with_terms(learnt, {**rooted, "Cm": ["1", "alpha", "q", "de", "de/alpha"]})
+    assert len(odd.flown.signals) == len(learnt.flown.signals)
+    exported = in_jsbsim(odd)
+    defined = set()
+    for i in range(0, len(held_out), len(held_out) // 10):
+        alpha, beta = held_out.alpha[i], held_out.beta[i]
+        theirs, _ = exported.coefficients(held_out, i)
+        root = odd.value("CZ_sqrt(alpha-0.06)") * np.sqrt(max(alpha - 0.06, 0.0))
+        of_slip = odd.value("CZ_1+sqrt(beta)") * (1.0 + np.sqrt(beta) if beta >= 0.0 else 0.0)
+        assert theirs[2] == pytest.approx(odd.value("CZ_0") + odd.value("CZ_alpha") * alpha + root + of_slip, abs=1e-6)
+        defined |= {(bool(alpha > 0.06), bool(beta > 0.0))}
+    assert len(defined) > 2
+
+
 def test_a_lag_is_followed(learnt, held_out):
     exported = in_jsbsim(with_terms(learnt, {**ODD_TERMS, "Cm": ["1", "alpha", "q", "lag(de, 0.2)"]}))
     e = exported.executive
