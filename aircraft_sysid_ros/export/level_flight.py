@@ -83,7 +83,8 @@ def level_flight(learnt: LearntModel, airspeed: float) -> LevelFlight:
 
     Signals that are neither flow, rates nor surfaces are the medians of the rows. Without a term of T_c or of the
     throttle the model does not know its thrust, and C_X is left out. An aeroplane without rudder or without ailerons
-    banks a little for a straight path.
+    banks a little for a straight path. A pitching moment that no elevator is known to trim, and a rolling moment that
+    neither aileron nor rudder is, are left out, and the elevator is then where it was in flight.
     """
     aircraft, names = learnt.aircraft, learnt.model.signal_names
     density = density_of(learnt)
@@ -94,14 +95,16 @@ def level_flight(learnt: LearntModel, airspeed: float) -> LevelFlight:
     weight = aircraft.mass * STANDARD_GRAVITY / (qbar * aircraft.wing_area)
     read = learnt.reads("CX", "CY", "CZ", "Cl", "Cm", "Cn")
     thrust = next((name for name in ("Tc", "throttle") if name in learnt.reads("CX")), None)
-    free = [name for name in (*_FLOW, thrust) if name is not None and name in read]
-    balanced = [i for i in range(6) if i > 0 or thrust is not None]
+    is_trimmed = {"CX": thrust is not None, "Cm": "de" in learnt.reads("Cm"), "Cl": bool({"da", "dr"} & read)}
+    flow = [name for name in _FLOW if name != "de" or is_trimmed["Cm"]]
+    free = [name for name in (*flow, thrust) if name is not None and name in read]
+    balanced = [i for i, axis in enumerate(AXES) if is_trimmed.get(axis, True)]
     to_gravity = learnt.about_gravity
     banks = not {"da", "dr"} <= read
 
     def put(x: Array) -> Array:
         out = row.copy()
-        for name in _FLOW:
+        for name in flow:
             out[names.index(name)] = 0.0
         for name, value in zip(free, x, strict=False):  # the bank is the last one
             out[names.index(name)] = value

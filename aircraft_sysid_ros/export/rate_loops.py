@@ -264,6 +264,11 @@ def _check_known(learnt: LearntModel, axis: str, sign: float) -> None:
     model is wrong there, its standard errors do not say by how much.
     """
     moment = MOMENT_OF[_SURFACE[axis]]
+    if not any(_SURFACE[axis] in program.signals for program in learnt.model.programs[AXES.index(moment)]):
+        raise InputError(
+            f"no {axis} gains: {moment} has no term of {_SURFACE[axis]}; record what moves the aeroplane as elevator "
+            "and aileron, elevons as half of their sum and of their difference, and replay with terms of de and da"
+        )
     if sign == 0.0:
         raise InputError(
             f"no {axis} gains: {moment}_{_SURFACE[axis]} is not known: move that surface in flight, and replay again"

@@ -268,3 +268,36 @@ def test_gains_are_made_for_airspeeds_that_lift_carries(learnt, loops, axis):
     weight = slow.aircraft.mass * 9.80665 / (0.5 * level.density * low**2 * slow.aircraft.wing_area)
     assert weight == pytest.approx(most, rel=0.1)
     assert design(slow, axis, ACTUATOR).p == pytest.approx(loops[axis].p, rel=0.05)
+
+
+@pytest.mark.parametrize("has_rudder", [True, False])
+def test_a_wing_whose_elevons_are_inputs_of_their_own_flies_level_and_is_told_why_it_has_no_gains(learnt, has_rudder):
+    """Gains and airspeeds sent to compare, for lift that nobody lacked."""
+    elevons = {"de": "left+right", "da": "left-right", "dr": "dr" if has_rudder else ""}
+    terms = {
+        axis: [t for t in (elevons.get(t, t) for t in of_axis) if t] for axis, of_axis in learnt.model.terms.items()
+    }
+    model = model_from_terms(terms, ("left", "right"))
+    kept = [p for p in learnt.parameters if has_rudder or not p.name.endswith("_dr")]
+    named = tuple(replace(p, name=n) for p, n in zip(kept, model.parameter_names, strict=True))
+    rows, names = learnt.signals.copy(), model.signal_names
+    rows[:, names.index("left")] = 0.5 * (learnt.signal("de") + learnt.signal("da"))
+    rows[:, names.index("right")] = 0.5 * (learnt.signal("de") - learnt.signal("da"))
+    wing = replace(learnt, aircraft=replace(learnt.aircraft, model=model), parameters=named, signals=rows)
+    speed = airspeeds_of(wing)[0]
+    assert level_flight(wing, speed).alpha == pytest.approx(level_flight(learnt, speed).alpha, abs=np.radians(0.3))
+    for axis, missing in ((ROLL, "Cl has no term of da"), (PITCH, "Cm has no term of de")):
+        with pytest.raises(InputError, match=rf"no {axis} gains: {missing}; record .* elevons as half of their sum"):
+            design(wing, axis, ACTUATOR)
+
+
+def test_without_the_moment_of_the_elevator_level_flight_has_the_angle_that_carries_the_weight(learnt):
+    """Lift was trimmed with the elevator, by 20 deg and more, and the pitch written into PX4's file was of that."""
+    unmoved = [replace(p, value=np.nan, status="HOLD") if p.name == "Cm_de" else p for p in learnt.parameters]
+    unmoved = replace(learnt, parameters=tuple(unmoved))
+    speed = airspeeds_of(learnt)[0]
+    level, known = level_flight(unmoved, speed), level_flight(learnt, speed)
+    assert level.alpha == pytest.approx(known.alpha, abs=np.radians(0.3))
+    assert level.surfaces[0] == np.median(learnt.signal("de"))
+    with pytest.raises(InputError, match="Cm_de is not known: move that surface"):
+        design(unmoved, PITCH, ACTUATOR)
