@@ -19,7 +19,7 @@ Array = npt.NDArray[np.float64]
 INTERVAL = 1.96
 _UNITS = "Per radian where a term is of an angle; rates are p b/2V, q c/V and r b/2V."
 #: Where the numbers of the first version come from, and those of the others.
-IN_FLIGHT = "Learnt in flight by the recursion, at the end of the flight. " + _UNITS
+IN_FLIGHT = "As the run has learnt them, at the end of the flight. " + _UNITS
 OF_ALL = "As replay learns them with the model of this version. " + _UNITS
 
 
