@@ -335,21 +335,25 @@ def slow_part(one: Array) -> float:
 def mean_attitude_errors(outputs: Array, found: Array) -> None:
     """What an attitude with an error of its own may be off by in the mean of a flight about its axes, into ``found``
     (3,) [rad]: one filter makes all of it, and its heading is no better than its tilt, though it shows later.
+
+    A heading that was set anew in flight is off by more than any factor on a variance that is believed.
     """
     for i in range(3):
-        found[i] = _mean_error(outputs[i])
+        one = outputs[i]
+        is_far = i == 2 and one[COLOURED] and one[_SLOW_SQUARE] > one[SCALE]
+        found[i] = _mean_error(one, one[_SLOW_SQUARE] if is_far else one[SCALE])
     found[2] = max(found[0], found[1], found[2])
 
 
 @njit(cache=True)
-def _mean_error(one: Array) -> float:
-    """The same of one channel.
+def _mean_error(one: Array, factor: float) -> float:
+    """The same of one channel, of which the slow error has ``factor`` on the variance.
 
     A constant tilt and a bias of the accelerometer move the aeroplane alike, and the filter follows both: only a part
     of a slow error is seen in its innovations. Of errors that last _LASTING seconds the mean over a time T has that
     variance by 2 _LASTING / (T + 2 _LASTING).
     """
-    beyond = one[BASE] * (one[SCALE] - one[WHITE])
+    beyond = one[BASE] * (factor - one[WHITE])
     if not beyond > 0.0:
         return 0.0
     seen = np.sqrt(beyond * one[_INTERVAL] / (2.0 * SLOW))

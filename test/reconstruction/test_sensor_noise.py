@@ -357,6 +357,21 @@ def test_heading_and_wind_are_known_no_better_than_an_attitude_that_drifts_shows
     assert np.sqrt(np.mean(np.square(of_wind), axis=(0, 1))).max() < 2.5
 
 
+@pytest.mark.parametrize("leap", [20.0, 60.0])
+def test_after_a_leap_of_a_measured_heading_it_is_in_doubt(leap):
+    """As of an inertial system that aligns its heading in flight [deg]: the mean of both was known to half a degree."""
+    flight = simulate_samples(default_aircraft(), 31, 80.0, sensors=SensorOptions(attitude=True))
+    samples = drifting(without_variances(flight.samples), lambda time: np.outer(time < 10.0, [0, 0, np.deg2rad(leap)]))
+    state, rows = flown(bare(flight.aircraft), samples)
+    late = rows[rows[:, 0] > rows[0, 0] + 30.0][::20]
+    truth = flight.truth.at(late[:, 0] + (state.epoch - int(flight.biases.stamp[0])) * 1e-9)
+    pairs = zip(late[:, StateField.ATTITUDE], truth.quaternion, strict=True)
+    turns = np.array([quaternion_log(quaternion_product(quaternion_conjugate(mine), q)) for mine, q in pairs])
+    assert np.abs(turns[:, 2] / late[:, StateField.STANDARD_DEVIATIONS][:, D_ATTITUDE + 2]).max() < 3.0
+    wind = (truth.wind - late[:, StateField.WIND]) / late[:, StateField.WIND_STD]
+    assert np.sqrt(np.mean(np.square(wind), axis=0)).max() < 2.5
+
+
 def askew(samples, seed):
     """Samples of an IMU as one buys it: axes 0.2 deg out of line, scales 0.3 % off."""
     rng, values, imu = np.random.default_rng(seed), samples.values.copy(), samples.kind == Kind.IMU
