@@ -157,10 +157,14 @@ def _mass_notes(opened: Run, learnt: LearntModel) -> list[str]:
 
 
 def late_of(opened: Run, learnt: LearntModel) -> str:
-    """How late surfaces are, as the flight has shown or as the aircraft file says, in words; empty: they are not."""
+    """How late surfaces are, as the flight has shown or as the aircraft file says, in words; empty: they are not.
+
+    Positions that are recorded late say nothing of the servos.
+    """
     surfaces = learnt.aircraft.sensors[CONTROLS]
     said = {key: (value, 0.0) for key in ("delay", "lag") if (value := getattr(surfaces, key))}
-    late = opened.late_surfaces(learnt.aircraft) or said
+    shown = opened.late_surfaces(learnt.aircraft) or said
+    late = {key: number for key, number in shown.items() if key == "lag" or number[0] < 0.0}
     return late_words(late) if late else ""
 
 

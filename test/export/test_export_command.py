@@ -11,6 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import yaml
 from scipy.io import loadmat
 
 from aircraft_sysid_ros.commands.main import main
@@ -238,3 +239,15 @@ def test_a_travel_in_radians_is_no_full_deflection(exported_run, capsys, tmp_pat
     words = (command[0], exported_run, "--to", "px4", *command[1:], "--full-deflection", "0.436,0.436,0.436")
     said = refused(capsys, *words)
     assert "0.436 deg of elevator" in said and "give degrees" in said and not [*tmp_path.iterdir()]
+
+
+@pytest.mark.parametrize(("said", "later"), [({"delay": 0.1}, False), ({"delay": -0.1}, True), ({"lag": 0.1}, True)])
+def test_only_of_surfaces_that_follow_later_servos_are_told_to_be_late(exported_run, tmp_path, capsys, said, later):
+    """Of positions that are recorded late it said to give servos that: to move before they are told."""
+    run = copied(exported_run, tmp_path)
+    content = yaml.safe_load((run / "aircraft.yaml").read_text())
+    content["sensors"] = {**content.get("sensors", {}), "control_surfaces": said}
+    (run / "aircraft.yaml").write_text(yaml.safe_dump(content, explicit_end=True))
+    notes = answer(capsys, "export", run, "--to", "csv", "--out", tmp_path / "a.csv")["notes"]
+    assert any("give the servos of the other program the same" in note for note in notes) is later
+    assert not any("earlier" in note for note in notes)
