@@ -23,6 +23,7 @@ from aircraft_sysid_ros.mavlink.quantities import (
     first_of_most,
     position_of_fix,
     quaternion_of_euler,
+    without_vertical_zero,
 )
 
 _TESLA_PER_MILLIGAUSS = 1e-7
@@ -78,7 +79,7 @@ def _velocity(fields: Fields) -> Array:
     speed, course = columns(fields, "Spd")[:, 0], np.radians(columns(fields, "GCrs")[:, 0])
     velocity = np.stack([speed * np.cos(course), speed * np.sin(course), columns(fields, "VZ")[:, 0]], axis=1)
     velocity[fields["Status"] < _FIX_2D] = np.nan
-    return _of_one(fields, velocity)
+    return without_vertical_zero(_of_one(fields, velocity))
 
 
 def _pressure(fields: Fields) -> Array:

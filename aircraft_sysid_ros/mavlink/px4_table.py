@@ -17,6 +17,7 @@ from aircraft_sysid_ros.mavlink.quantities import (
     columns,
     entry,
     position_of_fix,
+    without_vertical_zero,
 )
 
 _TESLA_PER_GAUSS = 1e-4
@@ -30,7 +31,7 @@ _LONGEST_DELAY = 1_000_000  # [us] from sample to message: a sample that is olde
 #: Fields that say when a sample was taken, best first.
 TIMES = ("timestamp_sample", "timestamp")
 #: Fields that count where a message has them.
-OPTIONAL = (*TIMES, *AIRSPEED_SOURCES, "accelerometer_timestamp_relative", "valid")
+OPTIONAL = (*TIMES, *AIRSPEED_SOURCES, "accelerometer_timestamp_relative", "valid", "vel_ned_valid")
 
 
 def sample_time(fields: Fields) -> Stamps:
@@ -93,8 +94,9 @@ def _position_integer(fields: Fields) -> Array:
 
 def _velocity(fields: Fields) -> Array:
     velocity = columns(fields, "vel_n_m_s vel_e_m_s vel_d_m_s")
-    velocity[fields["fix_type"] < _FIX_2D] = np.nan
-    return velocity
+    is_known = np.asarray(fields.get("vel_ned_valid", True)) != 0
+    velocity[(fields["fix_type"] < _FIX_2D) | ~is_known] = np.nan
+    return without_vertical_zero(velocity)
 
 
 def _pressure(fields: Fields) -> Array:

@@ -161,6 +161,13 @@ def position_of_fix(place: Array, variance: Array, fix_type: npt.NDArray[Any]) -
     return np.concatenate([numbers, status[:, None]], axis=1)
 
 
+def without_vertical_zero(velocity: Array) -> Array:
+    """Velocities NED (n, 3) [m/s]; a vertical part that is 0 all the time is that of a receiver that measures none."""
+    if not np.any(velocity[:, 2]):
+        velocity[:, 2] = np.nan
+    return velocity
+
+
 def with_receiver(reading: Reading, heard: set[str]) -> Reading | None:
     """A reading without what comes from no GPS receiver; one that was there before and is lost has no fix.
 

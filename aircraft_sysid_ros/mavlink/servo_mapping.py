@@ -16,7 +16,8 @@
 
 ``input`` names an input of its own, on the topic of the inputs, beside a surface or in its place.
 
-A table of points is interpolated and held beyond its ends; ``reversed`` mirrors the deflection. Positive is as in the
+A table of points is interpolated and held beyond its ends; ``reversed`` mirrors the deflection, or the fraction within
+its range. Positive is as in the
 conventions of the textbook aeroplane: trailing edge down for elevator, flaps and every half, aileron = (right - left) /
 2, rudder trailing edge left. A ruddervator of a V-tail counts as elevator and rudder; on an inverted V it counts as
 rudder with the other sign: ``inverted_vtail``.
@@ -221,7 +222,7 @@ def _output(number: int, data: Any) -> Output:
     if not isinstance(flip, bool):
         raise InputError(f"{what}: reversed must be true or false, not '{flip}'")
     if flip:
-        values = values.min() + values.max() - values if surface == "throttle" else -values
+        values = values.min() + values.max() - values if units[0] == "fraction" else -values
     return Output(surface, points, values, normalised=inputs[0] == "command", input=own_name)
 
 

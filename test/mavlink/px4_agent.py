@@ -59,7 +59,7 @@ def px4_messages(samples, *, start=None):
             "altitude_msl_m": altitude,
         }
         add(row, "vehicle_gps_position", "SensorGps", **place, fix_type=3, eph=0.8, epv=1.2,
-            vel_n_m_s=north, vel_e_m_s=east, vel_d_m_s=down)  # fmt: skip
+            vel_n_m_s=north, vel_e_m_s=east, vel_d_m_s=down, vel_ned_valid=True)  # fmt: skip
     air = samples.values[of[Kind.AIR]]
     for row, (density, pressure) in zip(of[Kind.AIR], air[:, :2], strict=True):
         celsius = pressure / (287.05287 * density) - 273.15

@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from aircraft_sysid_ros.aircraft.configuration import load_aircraft
+from aircraft_sysid_ros.config_files import DEFAULT_AIRCRAFT, config_path
 from aircraft_sysid_ros.recordings.reader import read_recording
 from aircraft_sysid_ros.recordings.storage import read_raw
 from aircraft_sysid_ros.recordings.writer import RecordingWriter
@@ -70,6 +71,17 @@ def test_a_flight_is_recorded_and_may_replace_a_recording(victim, quick):
     assert main([*arguments, str(victim.parent / "new" / "bag")]) == 0
     assert main([*arguments, str(victim), "--overwrite"]) == 0
     assert len(read_raw(victim)) == len(read_raw(victim.parent / "new" / "bag")) > 1000
+
+
+def test_delays_of_an_aircraft_file_are_not_flown_and_that_is_said(tmp_path, quick, capfd):
+    """The estimators allowed for a delay that no sample had."""
+    text = config_path(DEFAULT_AIRCRAFT).read_text(encoding="utf8")
+    late = text.replace("  gps_velocity: {", "  gps_velocity: {delay: 0.2, ")
+    assert late != text
+    (tmp_path / "late.yaml").write_text(late)
+    arguments = ["--connect", CONNECTION, "--simulator", "textbook", "--duration", "20", "--aircraft"]
+    assert main([*arguments, str(tmp_path / "late.yaml")]) == 0
+    assert "take the delay of gps_velocity out of the file for the estimators" in capfd.readouterr().err
 
 
 def test_what_cannot_be_written_is_said_before_the_flight(capfd, tmp_path):

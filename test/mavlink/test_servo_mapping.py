@@ -26,6 +26,15 @@ def test_a_table_is_interpolated_held_beyond_its_ends_and_mirrored():
     assert np.isnan(controls({3: crooked}, [1500, 1500])["elevator"])  # fewer outputs than the file says
 
 
+def test_a_fraction_is_mirrored_within_its_range():
+    """Of an input it went from 0 to -1."""
+    points = {"us": [1000, 2000], "fraction": [0, 1], "reversed": True}
+    for kind in ({"surface": "throttle"}, {"input": "engine"}):
+        mapping = servo_mapping_from_dict({"outputs": {1: {**kind, **points}}})
+        found = [float(mapping.outputs[1].value(np.array([pulse]))[0]) for pulse in (1000.0, 1250.0, 2000.0)]
+        assert found == [1.0, 0.75, 0.0]
+
+
 def test_elevons_are_elevator_together_and_aileron_against_each_other():
     """Trailing edges down are positive; a right elevon down and a left one up roll to the left: aileron positive."""
     outputs = {1: {"surface": "left_elevon", **POINTS}, 2: {"surface": "right_elevon", **POINTS}}

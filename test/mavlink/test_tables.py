@@ -215,6 +215,21 @@ def test_an_angle_of_the_autopilot_is_used_only_where_a_vane_is_said_to_be_behin
     assert np.isnan(both.fields["true_airspeed"][0])
 
 
+def test_a_receiver_without_a_vertical_speed_has_none():
+    """As those of NMEA, of which autopilots write 0: a climb had a measured speed of 0."""
+    kinds, place = np.full(3, 3), {"Lat": np.full(3, 44.5), "Lng": np.full(3, 11.0), "Alt": np.full(3, 300.0)}
+    dataflash = {"Status": kinds, **place, "Spd": np.full(3, 10.0), "GCrs": np.zeros(3), "VZ": np.zeros(3)}
+    px4 = {"fix_type": kinds, "vel_n_m_s": np.full(3, 10.0), "vel_e_m_s": np.zeros(3), "vel_d_m_s": np.zeros(3)}
+    for table, name, fields in ((DATAFLASH, "GPS", dataflash), (PX4, "sensor_gps", px4)):
+        velocity = next(r for r in readings_of(table, Batch(name, np.arange(3), fields)) if r.values.shape[1] == 3)
+        np.testing.assert_array_equal(velocity.values, [[10.0, 0.0, np.nan]] * 3)
+        made, _ = assembled([velocity], table, servo_mapping_from_dict({}))
+        assert not sum(len(output.stamp) for output in made)
+    px4 |= {"vel_d_m_s": np.array([1.0, 0.0, 2.0]), "vel_ned_valid": np.array([1, 1, 0], np.uint8)}
+    (velocity,) = readings_of(PX4, Batch("sensor_gps", np.arange(3), px4))
+    np.testing.assert_array_equal(velocity.values, [[10.0, 0.0, 1.0], [10.0, 0.0, 0.0]])
+
+
 @pytest.mark.parametrize("is_live", [True, False])
 @pytest.mark.parametrize(("age", "source"), [(0.1, "GPS_RAW_INT"), (0.9, "GLOBAL_POSITION_INT")])
 def test_a_slow_link_has_velocities(age, source, is_live):

@@ -193,6 +193,9 @@ def fly(args: argparse.Namespace) -> None:
     try:
         _write_files(args, aircraft)
         print(f"{aircraft.name} speaks MAVLink on {args.connect}", file=sys.stderr, flush=True)
+        if late := [name for name, sensor in aircraft.sensors.items() if sensor.delay != 0.0]:
+            words = f"take the delay of {', '.join(late)} out of the file for the estimators"
+            print(f"sensors have no delay here: {words}", file=sys.stderr, flush=True)
         if flown is None:
             fly_jsbsim_live(args.jsbsim_aircraft, args.duration, sensors, radio)
         else:
