@@ -6,7 +6,7 @@ one quantity needs of another (the pressure of an airspeed, the vertical part of
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -157,12 +157,18 @@ def _last(held: Stamps, values: Array, stamp: Stamps, age: float) -> Array:
     return found
 
 
-def _count_usable(reading: Reading) -> int:
-    """Rows in which all that is needed is a number, of positions those with a fix, or of which nobody says."""
+def _usable(reading: Reading, descent: Held) -> Stamps:
+    """Stamps at which all that is needed is a number, of positions those with a fix, or of which nobody says.
+
+    None of a velocity that lacks the vertical part of most, by ``descent`` too.
+    """
     rows = np.all(np.isfinite(reading.values[:, : NEEDED.get(reading.quantity, 0)]), axis=1)
     if reading.quantity is Quantity.POSITION:
         rows = np.all(np.isfinite(reading.values[:, :2]), axis=1) & (reading.values[:, FIX_STATUS] != NO_FIX)
-    return int(rows.sum())
+    if reading.quantity is Quantity.VELOCITY:
+        whole = np.isfinite(_with_vertical(reading, descent)).all(axis=1)
+        rows &= 2 * whole.sum() >= len(whole)
+    return reading.stamp[rows]
 
 
 def _with_vertical(reading: Reading, descent: Held) -> Array:
@@ -244,37 +250,42 @@ class Assembler:
         mapping = self.mapping
         return (mapping.airspeed_meaning, mapping.airspeed_scale, mapping.airspeed_offset) != (None, 1.0, 0.0)
 
-    def choose(self, readings: Iterable[Reading]) -> None:
+    def choose(self, readings: Sequence[Reading]) -> None:
         """A whole log is at hand: of each quantity the best source of it that says something, throughout.
 
-        Of velocities one that lacks the vertical part of most says nothing. But for positions: where a receiver has no
-        fix, what its autopilot makes of that is dead reckoning.
+        Not one that does for less than half as long as another. But for positions: where a receiver has no fix, what
+        its autopilot makes of that is dead reckoning.
         """
         self._keep = None
-        usable: dict[tuple[Quantity, str], int] = {}
-        vertical = {name: Held() for name in self._ranks[Quantity.DESCENT]}
-        of_velocity = []
+        descent = self._descent_of(readings)
+        usable: dict[tuple[Quantity, str], Stamps] = {}
         for reading in readings:
             key = reading.quantity, reading.source
-            usable[key] = usable.get(key, 0) + _count_usable(reading)
-            if reading.quantity is Quantity.DESCENT:
-                vertical[reading.source].add(reading.stamp, reading.values, None)
-            elif reading.quantity is Quantity.VELOCITY:
-                of_velocity.append(reading)
-        descent = next((held for held in vertical.values() if len(held.stamp)), Held())
-        for reading in of_velocity:
-            if 2 * np.isfinite(_with_vertical(reading, descent)).all(axis=1).sum() < len(reading.stamp):
-                usable[Quantity.VELOCITY, reading.source] = 0
+            usable[key] = np.append(usable.get(key, np.empty(0, np.int64)), _usable(reading, descent))
+        count = {key: len(stamp) for key, stamp in usable.items()}
+        seconds = {key: len(np.unique(stamp // NANOSECONDS)) for key, stamp in usable.items()}
         for quantity, order in self._ranks.items():
             there = [name for name in order if (quantity, name) in usable]
             if quantity is not Quantity.POSITION:
-                there.sort(key=lambda name: not usable[quantity, name])
+                longest = max((seconds[quantity, name] for name in there), default=0)
+                there = [
+                    *(name for name in there if 2 * seconds[quantity, name] >= longest),
+                    *(name for name in there if 2 * seconds[quantity, name] < longest),
+                ]
             best = there[:1]
             is_free = quantity is not Quantity.AIRSPEED or not self._corrects_airspeed
             for name in there[1:] if is_free else ():
-                if {name, *best} in ALIKE and usable[quantity, name] > CLEARLY_MORE * usable[quantity, best[0]]:
+                if {name, *best} in ALIKE and count[quantity, name] > CLEARLY_MORE * count[quantity, best[0]]:
                     best = [name]
             self._ranks[quantity] = tuple(best)
+
+    def _descent_of(self, readings: Iterable[Reading]) -> Held:
+        """The down velocity of the best source that a log has."""
+        held = {name: Held() for name in self._ranks[Quantity.DESCENT]}
+        for reading in readings:
+            if reading.quantity is Quantity.DESCENT:
+                held[reading.source].add(reading.stamp, reading.values, None)
+        return next((each for each in held.values() if len(each.stamp)), Held())
 
     def source(self, quantity: Quantity) -> str | None:
         """The source that counts now."""

@@ -383,6 +383,19 @@ def test_of_sources_of_one_quality_a_log_gives_the_denser():
     assert {o.source for o in made} == {"sensor_gps", "airspeed (indicated)"}
 
 
+def test_a_source_that_was_there_for_a_moment_does_not_hide_that_of_the_whole_flight():
+    """As where a ground station asks for a message once: of the IMU of 20 s half a second was left."""
+    at_rest = [0.0, 0.0, -G, 0.0, 0.0, 0.0]
+    short = reading(Quantity.IMU, "HIGHRES_IMU", 50.0, at_rest, seconds=0.5)
+    whole = reading(Quantity.IMU, "RAW_IMU", 10.0, at_rest)
+    for readings, source in (
+        ([short, whole], "RAW_IMU"),
+        ([replace(whole, source="HIGHRES_IMU"), whole], "HIGHRES_IMU"),
+    ):
+        (made,), _ = assembled(readings, MAVLINK, servo_mapping_from_dict({}))
+        assert (made.source, len(made.stamp)) == (source, 200)
+
+
 @pytest.mark.parametrize("correction", [{"meaning": "indicated"}, {"scale": 1.1}, {"offset": -0.5}])
 def test_a_correction_of_the_airspeed_is_for_the_one_that_counts_live(correction):
     """It was put on PX4's calibrated airspeed where a log has more of that."""
