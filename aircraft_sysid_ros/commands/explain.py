@@ -155,5 +155,7 @@ def _mode_line(mode: dict[str, Any]) -> str:
     if seconds is not None:
         spread = seconds * std["frequency"] / mode["frequency"]
         return f"{mode['name']:<34}time constant {_known(seconds, spread)} s: {mode['words']}"
+    if mode["frequency"] is None:
+        return f"{mode['name']:<34}{mode['words']}"
     frequency, damping = (_known(mode[name], std[name]) for name in ("frequency", "damping"))
     return f"{mode['name']:<34}{frequency} rad/s, damping {damping}: {mode['words']}"

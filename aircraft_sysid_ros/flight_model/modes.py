@@ -62,13 +62,19 @@ class Mode:
 
     @property
     def frequency(self) -> float:
-        """Undamped natural frequency [rad/s]; of one eigenvalue its size."""
+        """Undamped natural frequency [rad/s]; of one eigenvalue its size; NaN where one grows and one dies away."""
+        if np.prod(self.eigenvalues).real < 0.0 and len(self.eigenvalues) > 1:
+            return np.nan
         return float(np.prod(np.abs(self.eigenvalues)) ** (1.0 / len(self.eigenvalues)))
 
     @property
     def damping(self) -> float:
-        """Damping ratio; beyond 1 nothing swings, below 0 the motion grows. Of one eigenvalue 1 or -1."""
-        return float(-np.mean([value.real for value in self.eigenvalues]) / max(self.frequency, 1e-12))
+        """Damping ratio; beyond 1 nothing swings, below 0 the motion grows. Of one eigenvalue 1 or -1.
+
+        NaN as the frequency.
+        """
+        mean = float(np.mean([value.real for value in self.eigenvalues]))
+        return -mean / float(np.maximum(self.frequency, 1e-12))
 
     @property
     def growth(self) -> float:

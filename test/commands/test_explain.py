@@ -39,6 +39,7 @@ from aircraft_sysid_ros.flight_check.finding import ABSENT, Finding
 from aircraft_sysid_ros.flight_check.identifiable import Identifiability
 from aircraft_sysid_ros.identification.coefficients.as_loaded import as_loaded
 from aircraft_sysid_ros.identification.conditions import TELL_FLOW, throttle_instead
+from aircraft_sysid_ros.json_text import json_text
 from aircraft_sysid_ros.reconstruction.state import contradiction_text
 from aircraft_sysid_ros.recordings.reader import read_recording
 from aircraft_sysid_ros.recordings.writer import RecordingWriter
@@ -192,6 +193,26 @@ def test_a_mode_that_cannot_swing_has_a_time_constant_and_no_damping(learnt):
         value, error = map(float, said.groups())
         assert abs(value - mode["time_constant"]) <= error < 0.1 * value  # its digits end where the error does
     assert modes["Dutch roll"]["time_constant"] is None and "damping" in _mode_line(modes["Dutch roll"])
+
+
+def test_of_an_unstable_aeroplane_no_period_and_no_damping_is_said(learnt):
+    """It had a short period of 2.7 rad/s with a damping of 0.9 that doubled in 0.6 s, and pulses to match."""
+    names = learnt[0].model.parameter_names
+    unstable = Learnt(learnt[1], {name: ("USE", "") for name in names})
+    unstable.values, unstable.draws = unstable.values.copy(), unstable.draws.copy()
+    k = names.index("Cm_alpha")
+    unstable.draws[:, k] += 0.4 - unstable.values[k]
+    unstable.values[k] = 0.4
+    modes = known_modes(unstable)
+    mode = next(mode for mode in modes if mode.growth > 0.1 and not mode.is_first_order)
+    told = mode.json
+    assert not mode.reason and mode.words.startswith("grows")
+    assert told["frequency"] is told["damping"] is told["std"]["frequency"] is told["std"]["damping"] is None
+    assert "grows" in _mode_line(told) and "rad/s" not in _mode_line(told)
+    assert json.loads(json_text(told)) == told
+    unstable.unknown["Cm_q"] = "no motion"
+    (sentence,) = (text for text in next_flights(check_json(), unstable, modes, None) if "Cm_q" in text)
+    assert "short period" not in sentence
 
 
 def test_what_is_not_to_use_is_not_stated(learnt, aircraft):

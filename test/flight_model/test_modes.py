@@ -110,6 +110,9 @@ def test_an_unstable_aeroplane_has_a_motion_that_grows(symmetric):
     _, _, unstable = found_modes(symmetric, setup, Cm_alpha=0.4)
     assert all(mode.growth < 0.0 for name, mode in stable.items() if name != SPIRAL)
     assert max(unstable[name].growth for name in (SHORT_PERIOD, PHUGOID)) > 0.1
+    apart = next(mode for mode in unstable.values() if mode.growth > 0.1)
+    assert not any(value.imag for value in apart.eigenvalues), "one root grows and the other dies away"
+    assert np.isnan(apart.frequency) and np.isnan(apart.damping), "nothing swings, and no damping of 0.9 holds it"
     _, _, loose = found_modes(symmetric, setup, Cn_beta=-0.07)
     assert max(mode.growth for mode in loose.values()) > 0.5
     assert {DUTCH_ROLL, ROLL} <= set(loose)

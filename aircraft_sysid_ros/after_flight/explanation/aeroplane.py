@@ -106,7 +106,10 @@ class Fact:
 
 @dataclass(frozen=True)
 class KnownMode:
-    """A mode with the standard deviations of frequency [rad/s] and damping; ``reason`` why it is not known."""
+    """A mode with the standard deviations of frequency [rad/s] and damping; ``reason`` why it is not known.
+
+    Where one part of the motion grows and the other dies away it has neither frequency nor damping (NaN).
+    """
 
     name: str
     frequency: float
@@ -132,11 +135,15 @@ class KnownMode:
     def json(self) -> dict[str, Any]:
         """As ``explain --json`` prints it, with null for what is not known."""
         known = not self.reason
-        std = {"frequency": self.std_frequency, "damping": None if self.is_first_order else self.std_damping}
+        swings_or_dies = known and bool(np.isfinite(self.frequency))
+        std = {
+            "frequency": self.std_frequency if swings_or_dies else None,
+            "damping": self.std_damping if swings_or_dies and not self.is_first_order else None,
+        }
         return {
             "name": self.name,
-            "frequency": self.frequency if known else None,
-            "damping": self.damping if known else None,
+            "frequency": self.frequency if swings_or_dies else None,
+            "damping": self.damping if swings_or_dies else None,
             "std": std if known else None,
             "growth": self.growth if known else None,
             "time_constant": self.time_constant if known and self.is_first_order else None,

@@ -179,7 +179,7 @@ def _signals(name: str, programs: Mapping[str, Any]) -> Collection[str]:
 
 def _pulse(modes: Sequence[KnownMode], name: str, words: str) -> str:
     """The length of a pulse that suits a mode: half of its period."""
-    mode = next((m for m in modes if m.name == name and not m.reason and m.damping < 1.0), None)
+    mode = next((m for m in modes if m.name == name and not m.reason and abs(m.damping) < 1.0), None)
     if mode is None:
         return ""
     half = np.pi / (mode.frequency * np.sqrt(1.0 - min(mode.damping, 0.95) ** 2))
