@@ -117,6 +117,16 @@ def test_what_makes_the_rest_wrong_comes_first(evidence, kinds):
     assert all(each.sentence.endswith((".", ". ")) for each in said)
 
 
+@pytest.mark.parametrize(("published", "corrected"), [("rls", True), ("rml", False)])
+def test_that_parameters_are_corrected_for_late_surfaces_is_said_of_those_that_are(published, corrected):
+    """Of a flight in gusts, of which rml was published, the page said both."""
+    late = {"delay": (-0.06, 0.003)}
+    (said,) = what_matters(Evidence(check_json(), **USED, late=late, published=published))
+    assert said.sentence.startswith("Surfaces follow their records 0.060 ± 0.006 s later, as this flight shows: ")
+    assert ("parameters are corrected for that" in said.sentence) is corrected
+    assert ("parameters of rml are not corrected for that, their standard" in said.sentence) is not corrected
+
+
 def test_what_the_flight_showed_of_a_sensor_is_said_where_the_check_of_the_log_says_nothing():
     leaks = {"signal": "true_airspeed", "kind": "scale", "severity": "error", "sentence": "it reads 0.83 ± 0.03"}
     heading = {"signal": "attitude.yaw", "kind": "offset", "severity": "warning", "sentence": "it is off by 22°"}

@@ -183,8 +183,9 @@ def _explained(
     late = late_surfaces_of(place / RUN)
     states = "the aircraft file" if mass is None or mass[0] == aircraft.mass else "the recording"
     evidence = Evidence(
-        checks, _used(replayed), instruments, diagnosis, facts, options.calm_air, mass, broken, late, states
-    )
+        checks, _used(replayed), instruments, diagnosis, facts, options.calm_air, mass, broken, late, states,
+        replayed["parameters"]["estimator"]["published"],
+    )  # fmt: skip
     notes += [] if compared is None else compared.notes
     notes += [] if diagnosis is None else diagnosis["notes"]
     return Explanation(

@@ -61,6 +61,7 @@ class Evidence:
     #: Delay or lag [s] of the surfaces that the flight has shown, with one sigma, where the aircraft file says neither.
     late: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     states_mass: str = "the aircraft file"  # or the recording, where it has one
+    published: str = "rls"  # estimator of the parameters: rls corrects them for what is late
 
 
 def what_matters(evidence: Evidence) -> list[Said]:
@@ -275,7 +276,11 @@ def _late(evidence: Evidence) -> Iterator[Said]:
     found = {candidate["effect"] for candidate in _found(evidence)}
     if evidence.late and not found & {*OF_SERVOS, "actuator_lag", "late_controls"} and not _has_late_surfaces(evidence):
         words = late_words(evidence.late)
-        yield Said("late", f"{words[0].upper()}{words[1:]}, as this flight shows: parameters are corrected for that.")
+        corrected = "parameters are corrected for that"
+        if evidence.published != "rls":
+            by = evidence.published
+            corrected = f"the parameters of {by} are not corrected for that, their standard errors allow for it"
+        yield Said("late", f"{words[0].upper()}{words[1:]}, as this flight shows: {corrected}.")
 
 
 def _nothing(evidence: Evidence) -> Said:
