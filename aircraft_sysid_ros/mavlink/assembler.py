@@ -167,7 +167,7 @@ def _usable(reading: Reading, descent: Held) -> Stamps:
         rows = np.all(np.isfinite(reading.values[:, :2]), axis=1) & (reading.values[:, FIX_STATUS] != NO_FIX)
     if reading.quantity is Quantity.VELOCITY:
         whole = np.isfinite(_with_vertical(reading, descent)).all(axis=1)
-        rows &= 2 * whole.sum() >= len(whole)
+        rows &= 2 * whole.sum() >= len(reading.stamp)
     return reading.stamp[rows]
 
 
@@ -499,8 +499,13 @@ class Assembler:
         return Output("control_surfaces", reading.stamp[rows], fields, reading.source)
 
     def _values_of_outputs(self, reading: Reading) -> Array:
-        """Outputs (n, k) by their number, with the motors where the calibration file names one."""
-        if not any(number in MOTORS for number in self.mapping.outputs):
+        """Outputs (n, k) by their number, with motors and outputs told apart where the calibration file names one."""
+        count, numbers = reading.values.shape[1], self.mapping.outputs
+        upper = self._held[Quantity.UPPER_PULSES]
+        if len(upper.stamp) and any(count < number < MOTORS[0] for number in numbers):
+            told = [upper.at(reading.stamp, _MOTOR_AGE, column) for column in range(upper.values.shape[1])]
+            return np.column_stack([reading.values, *told])
+        if not any(number in MOTORS for number in numbers):
             return reading.values
         values = _wide(reading.values, MOTORS[-1])
         held = self._held[Quantity.MOTORS]

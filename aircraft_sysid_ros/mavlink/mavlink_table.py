@@ -101,12 +101,12 @@ def _imu_pressure(fields: Fields) -> Array:
     return values
 
 
-def _servos(fields: Fields) -> Array:
-    """Pulses of the first bank of outputs; 0 and 65535 are outputs that are not there."""
+def _servos(fields: Fields, port: int = 0) -> Array:
+    """Pulses of a bank of outputs, the first by default; 0 and 65535 are outputs that are not there."""
     names = [f"servo{i}_raw" for i in range(1, SERVO_COUNT + 1)]
     pulses = columns(fields, " ".join(names))
     pulses[(pulses == 0.0) | (pulses == _UNKNOWN_16)] = np.nan
-    pulses[fields["port"] != 0] = np.nan
+    pulses[fields["port"] != port] = np.nan
     return pulses
 
 
@@ -197,7 +197,10 @@ MAVLINK: Table = {
         entry(Quantity.ANGLE_OF_ATTACK, lambda f: np.radians(columns(f, "AOA")), "AOA"),
         entry(Quantity.SIDESLIP, lambda f: np.radians(columns(f, "SSA")), "SSA"),
     ),
-    "SERVO_OUTPUT_RAW": (entry(Quantity.PULSES, _servos, "servo1_raw servo16_raw port"),),
+    "SERVO_OUTPUT_RAW": (
+        entry(Quantity.PULSES, _servos, "servo1_raw servo16_raw port"),
+        entry(Quantity.UPPER_PULSES, lambda f: _servos(f, port=1), "servo1_raw servo16_raw port"),
+    ),
     "ACTUATOR_OUTPUT_STATUS": (entry(Quantity.PULSES, _actuators, "actuator active"),),
     "RPM": (entry(Quantity.PROPELLER, _rpm, "rpm1 rpm2"),),
     "ESC_STATUS": (entry(Quantity.PROPELLER, _esc_status, "rpm index"),),

@@ -36,6 +36,7 @@ class Quantity(Enum):
     ANGLE_OF_ATTACK = "[rad], nose up positive"
     SIDESLIP = "[rad], wind from the right positive"
     PULSES = "servo outputs [us], output 1 first"
+    UPPER_PULSES = "servo outputs that are told apart from the first 16 [us], output 17 first"
     COMMANDS = "normalised outputs -1..1, output 1 first"
     MOTORS = "normalised thrust of motors -1..1, motor 1 first"
     PROPELLER = "revolutions per minute of engine 1, 2, …"

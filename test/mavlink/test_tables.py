@@ -119,7 +119,7 @@ def test_servos_engines_and_angles():
     pulses[4], pulses[5] = 0, 65535
     found = readings(dialect.MAVLink_servo_output_raw_message(1, 0, *pulses))[Quantity.PULSES]
     assert np.isnan(found[4]) and np.isnan(found[5]) and found[0] == 1100 and found[15] == 1250
-    assert not readings(dialect.MAVLink_servo_output_raw_message(1, 1, *pulses))  # the second bank
+    assert Quantity.PULSES not in readings(dialect.MAVLink_servo_output_raw_message(1, 1, *pulses))  # the second bank
     values = [1100.0, 1200.0, 1300.0] + [0.0] * 29
     actuators = readings(dialect.MAVLink_actuator_output_status_message(1, 0b101, values))
     np.testing.assert_array_equal(actuators[Quantity.PULSES][:3], [1100.0, np.nan, 1300.0])
@@ -394,6 +394,19 @@ def test_a_source_that_was_there_for_a_moment_does_not_hide_that_of_the_whole_fl
     ):
         (made,), _ = assembled(readings, MAVLINK, servo_mapping_from_dict({}))
         assert (made.source, len(made.stamp)) == (source, 200)
+
+
+def test_outputs_beyond_16_come_in_messages_of_their_own():
+    """The calibration file took their numbers, and nothing read them."""
+    surface = {"us": [1000, 2000], "rad": [-0.4, 0.4]}
+    outputs_of = {1: {"surface": "elevator", **surface}, 18: {"surface": "rudder", **surface}}
+    assembler = Assembler(MAVLINK, servo_mapping_from_dict({"outputs": outputs_of}))
+    first, second = (dialect.MAVLink_servo_output_raw_message(1, port, *[1500, 1750, *[0] * 6]) for port in (0, 1))
+    (alone,) = outputs(assembler, first)
+    assert np.isnan(alone.fields["rudder"][0])
+    assert not outputs(assembler, second)
+    (both,) = outputs(assembler, first)
+    assert (both.fields["elevator"][0], both.fields["rudder"][0]) == pytest.approx((0.0, 0.2))
 
 
 @pytest.mark.parametrize("correction", [{"meaning": "indicated"}, {"scale": 1.1}, {"offset": -0.5}])
