@@ -57,7 +57,9 @@ REFERENCE_TOPICS = {
     ATTITUDE_TOPIC: "geometry_msgs/msg/QuaternionStamped",
     WIND_TOPIC: "geometry_msgs/msg/TwistWithCovarianceStamped",
 }
-ALL_TOPICS = {**TOPICS, **REFERENCE_TOPICS}
+#: Inputs that no autopilot sends, so that a bridge must not seem to publish them.
+_OF_OTHERS = {"five_hole_probe", "height_above_ground", "mass_properties"}
+ALL_TOPICS = {name: kind for name, kind in TOPICS.items() if name not in _OF_OTHERS} | REFERENCE_TOPICS
 #: And that of the inputs, where a calibration file names some.
 KNOWN_TOPICS = {**ALL_TOPICS, INPUTS_TOPIC: INPUTS_TYPE}
 

@@ -76,6 +76,8 @@ class Input:
         others: Callable[[], None] = lambda: None,
         twin: Input | None = None,
     ) -> None:
+        from rclpy.event_handler import SubscriptionEventCallbacks  # `live` says what is missing where there is no ROS
+
         self.topic = topic
         self._known: deque[int] | None = None  # when the newest messages were sent [ns]
         if twin is not None:
@@ -84,7 +86,9 @@ class Input:
         self._node, self._receive = node, receive
         self._next: _Taken | None = None  # taken, and it is not its turn yet
         self._is_closed = False
-        self.subscription = node.create_subscription(kind, topic, _Both(self._come), quality)
+        # What does not match a twin matches the other: ROS would warn that nothing will be received.
+        events = SubscriptionEventCallbacks(use_default_callbacks=twin is None)
+        self.subscription = node.create_subscription(kind, topic, _Both(self._come), quality, event_callbacks=events)
         self._numbers = Numbers(self._publishers)
 
     @property

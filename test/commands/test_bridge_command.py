@@ -32,6 +32,7 @@ def refused(capfd, *arguments):
         (["--servos", "nowhere.yaml"], "cannot read the calibration file nowhere.yaml"),
         (["--system", "300"], "--system must be from 0 to 255"),
         (["--topics", "imu"], "unknown topic imu"),
+        (["--topics", "mass_properties"], "unknown topic mass_properties"),  # no autopilot sends it
         (["--duration", "0"], "--duration must be a positive time"),
         (["--back-rate", "1000"], "--back-rate must be between 0 and 50 Hz, not 1000"),
         (["--back-rate", "-1"], "--back-rate must be between 0 and 50 Hz, not -1"),

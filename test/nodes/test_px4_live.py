@@ -52,6 +52,7 @@ def test_a_flight_beside_px4(px4, aircraft, aircraft_file, tmp_path):
     sent = len(flight.samples.stamp[flight.samples.kind == Kind.IMU])
     assert told["vehicle"] == "PX4" and told["clock"] == "of this computer"
     assert told["received"]["sensor_combined"] > 0.98 * sent and told["received"]["airspeed_validated"]
+    assert told["published"].keys() == {"imu/data", "gps/fix", "gps/vel", "air_data", "control_surfaces"}
     assert result["lost"] == {} and result["received"]["imu/data"] > 0.98 * told["published"]["imu/data"]
     parameters = {p["name"]: p for p in result["parameters"]["parameters"]}
     usable = [name for name, p in parameters.items() if p["status"] == "USE"]

@@ -74,8 +74,11 @@ def test_publishers_of_both_kinds_are_heard(bench, default_node):
             bench.helper.destroy_publisher(publisher)
 
 
-def test_a_mass_that_was_published_once_before_the_node_started_is_heard_once(bench, default_node):
-    """As a weighing before the flight is: latched, with an hour on the ground after it. What follows counts once."""
+def test_a_mass_that_was_published_once_before_the_node_started_is_heard_once(bench, default_node, capfd):
+    """As a weighing before the flight is: latched, with an hour on the ground after it. What follows counts once.
+
+    Of a mass that is not latched ROS would say that no messages will be received, and they are.
+    """
     latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
     kind = message_class(TOPICS["mass_properties"])
     publisher = bench.helper.create_publisher(kind, "mass_properties", latched)
@@ -92,3 +95,6 @@ def test_a_mass_that_was_published_once_before_the_node_started_is_heard_once(be
     bench.spin_until(lambda: other.get_subscription_count() == 1, 20.0)
     bench.say_until(lambda: other.publish(kind(mass=4.0)), lambda: 4.0 in masses)
     assert masses[:3] == [4.25, 4.5, 4.0]
+    said = [""]
+    bench.spin_until(lambda: said.append(capfd.readouterr().err) or "No messages will be sent" in "".join(said), 20.0)
+    assert "No messages will be received" not in "".join(said)
