@@ -36,6 +36,7 @@ from aircraft_sysid_ros.run_reader import DIAGNOSIS, ESTIMATES, PARAMETERS, SAMP
 from aircraft_sysid_ros.samples import Kind
 from aircraft_sysid_ros.simulation.truth_files import true_values, truth_path
 from aircraft_sysid_ros.workbench.undo import written
+from aircraft_sysid_ros.workbench.views.figure import broken, broken_time, gaps
 from aircraft_sysid_ros.workbench.views.parameters import ParameterHistory
 from aircraft_sysid_ros.workbench.views.states import StateHistory
 from aircraft_sysid_ros.workbench.views.words import readable
@@ -297,24 +298,30 @@ def load_flight_record(path: str | Path, zero: int) -> FlightRecord:
         if isinstance(error, InputError):
             raise
         raise not_a_run(path) from None
-    fields, time = states.fields, np.asarray((states.stamp - zero) * 1e-9, dtype=np.float64)
-    sigma = np.stack(list(fields["standard_deviations"]))
+    time = np.asarray((states.stamp - zero) * 1e-9, dtype=np.float64)
+    at = gaps(time)  # between manoeuvres, or where nothing was recorded
+
+    def column(name: str) -> Array:
+        return broken(np.stack(list(states.fields[name])), at)
+
+    sigma = column("standard_deviations")
     measured: dict[str, tuple[Array, Array]] = {}
     for name, kind in _AIR.items() if run.samples is not None else ():
         chosen = run.samples.kind == kind  # type: ignore[union-attr]
         stamps, values = run.samples.stamp[chosen], run.samples.values[chosen, 0]  # type: ignore[union-attr]
         if len(stamps):
             measured[name] = ((stamps - zero) * 1e-9 - run.root.sensors[name].delay, values)
-    biases: dict[str, Any] = {name: fields["wind_ned" if name == "wind" else name] for name in _BIASES}
+    biases: dict[str, Any] = {name: column("wind_ned" if name == "wind" else name) for name in _BIASES}
     biases |= {f"{name}_std": sigma[:, part] for name, part in _BIASES.items()}
     state = StateHistory(
-        time=time,
+        time=broken_time(time, at),
         **biases,
-        position=fields["position_ned"],
-        air=np.column_stack([fields["true_airspeed"], fields["angle_of_attack"], fields["sideslip"]]),
-        consistency=fields["innovation_consistency"],
+        position=column("position_ned"),
+        air=np.column_stack([column(name) for name in ("true_airspeed", "angle_of_attack", "sideslip")]),
+        consistency=column("innovation_consistency"),
         measured_time={name: pair[0] for name, pair in measured.items()},
         measured={name: pair[1] for name, pair in measured.items()},
+        is_joined=bool(run.manoeuvres),
     )
     notes = tuple(f"{ESTIMATES}: {note}" for note in states.notes)
     return FlightRecord(state, _parameter_history(parameters, zero), summary, notes)

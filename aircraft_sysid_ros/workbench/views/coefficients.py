@@ -17,7 +17,10 @@ from aircraft_sysid_ros.workbench.views.figure import (
     Figure,
     Theme,
     axis,
+    broken,
+    broken_time,
     figure,
+    gaps_among,
     line,
     span_of,
     thinned,
@@ -109,7 +112,8 @@ def coefficient_figure(
     window = window or whole(comparison)
     time, measured = time_of(comparison.flight), comparison.flight.coefficient(name)
     at, at_beside = _moments(comparison, beside, name, window)
-    data = [line(time[at], measured[at], theme.ink, "measured", width=2.2)]
+    apart = gaps_among(time, at)
+    data = [line(broken_time(time[at], apart), broken(measured[at], apart), theme.ink, "measured", width=2.2)]
     residuals = []
     if beside is not None and name in beside.axes:
         colours, words = (theme.second, theme.second), ("the other version", "residual, the other version")
@@ -168,9 +172,11 @@ def _model(
 ) -> list[dict[str, Any]]:
     """Prediction and held-out residual at the moments of some indices."""
     time, residual = time_of(comparison.flight), comparison.axes[name].fit.held_out
+    apart = gaps_among(time, at)
+    drawn = broken_time(time[at], apart)
     return [
-        line(time[at], predicted(comparison, name)[at], colours[0], words[0], width=1.1),
-        line(time[at], residual[at], colours[1], words[1], yaxis="y2", width=1.0),
+        line(drawn, broken(predicted(comparison, name)[at], apart), colours[0], words[0], width=1.1),
+        line(drawn, broken(residual[at], apart), colours[1], words[1], yaxis="y2", width=1.0),
     ]
 
 
@@ -178,7 +184,8 @@ def _noise_band(found: AxisComparison, time: Array, window: Span, theme: Theme) 
     """Two sigma of the noise of a perfect model."""
     begin, end = span_of(time, window)
     step = max((end - begin) // 300, 1)
-    x, std = time[begin:end:step], found.floor.std[begin:end:step]
+    apart = gaps_among(time, np.arange(begin, end, step))
+    x, std = broken_time(time[begin:end:step], apart), broken(found.floor.std[begin:end:step], apart)
     return [
         line(
             x,

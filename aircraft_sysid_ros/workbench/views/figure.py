@@ -12,11 +12,14 @@ import numpy.typing as npt
 from markupsafe import escape
 
 Array = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.intp]
 Figure = dict[str, Any]
 
 FONT = "system-ui, -apple-system, 'Segoe UI', Roboto, 'Helvetica Neue', Arial, sans-serif"
 #: Points of a line that are drawn: two per pixel of a narrow plot.
 MOST_POINTS = 1000
+#: Time [s] without a point across which no line is drawn.
+_GAP = 2.5
 #: What a curve that leaves the range of its plot is called, and most marks of it at one edge.
 BEYOND, _MOST_MARKS = "beyond the plot", 40
 #: A figure can be saved: the one button that plotly.js shows over it. No list in a list: plotly.js would take the
@@ -183,9 +186,33 @@ def thinned(
     table = padded.reshape(len(columns), len(first), size)
     low = np.argmin(np.where(np.isnan(table), np.inf, table), axis=2)
     high = np.argmax(np.where(np.isnan(table), -np.inf, table), axis=2)
-    chosen = np.unique(np.concatenate([first + low, first + high]))
+    is_gap = np.isnan(columns).all(axis=0)
+    ends = np.flatnonzero(is_gap[1:] & ~is_gap[:-1]) + 1  # else a line would go on across a gap of one moment
+    ends = ends if len(ends) < most // 2 else ends[:0]
+    chosen = np.unique(np.concatenate([(first + low).ravel(), (first + high).ravel(), ends]))
     moments: npt.NDArray[np.intp] = begin + np.minimum(chosen, count - 1)
     return moments
+
+
+def gaps(time: Array) -> Indices:
+    """Indices of times (n,) before which nothing was heard for long: a playback may be faster than the flight was."""
+    steps = np.diff(time)
+    return 1 + np.flatnonzero(steps > max(_GAP, 3.0 * float(np.median(steps)) if len(steps) else 0.0))
+
+
+def gaps_among(time: Array, at: Indices) -> Indices:
+    """Places in ``at``, rising indices of times (n,), before which a gap lies."""
+    return 1 + np.flatnonzero(np.diff(np.searchsorted(gaps(time), at, side="right")))
+
+
+def broken(values: Array, at: Indices) -> Array:
+    """Values (n,) or (n, k) with NaN in gaps, where lines end."""
+    return np.insert(values.astype(np.float64), at, np.nan, axis=0)
+
+
+def broken_time(time: Array, at: Indices) -> Array:
+    """Times (n,) with the middle of gaps."""
+    return np.insert(time.astype(np.float64), at, 0.5 * (time[at - 1] + time[at]))
 
 
 def span_of(time: Array, window: tuple[float, float]) -> tuple[int, int]:

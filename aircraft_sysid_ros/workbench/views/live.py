@@ -14,7 +14,19 @@ from aircraft_sysid_ros.effects import BY_ID
 from aircraft_sysid_ros.identification.thresholds import THRESHOLDS
 from aircraft_sysid_ros.workbench.views.candidates import Card
 from aircraft_sysid_ros.workbench.views.coefficients import NO_DATA, AxisRow
-from aircraft_sysid_ros.workbench.views.figure import TIMED, Figure, Theme, axis, beyond, figure, line, upright
+from aircraft_sysid_ros.workbench.views.figure import (
+    TIMED,
+    Figure,
+    Theme,
+    axis,
+    beyond,
+    broken,
+    broken_time,
+    figure,
+    gaps,
+    line,
+    upright,
+)
 from aircraft_sysid_ros.workbench.views.states import StateHistory
 from aircraft_sysid_ros.workbench.views.words import symbol
 
@@ -26,8 +38,8 @@ TIME_TITLE = "time since first heard [s]"
 #: Silence [s] of the node from which the page says so.
 SILENCE = 5.0
 _RESIDUAL = 0.36
-#: Times [s] without a message across which no line is drawn, and from the first one on in which little is learnt yet.
-_GAP, _BEGINNING = 2.5, 5.0
+#: Time [s] from the first message on in which little is learnt yet.
+_BEGINNING = 5.0
 Rows = Sequence[Mapping[str, Any]]
 
 
@@ -63,8 +75,8 @@ def coefficient_figure(rows: Rows, name: str, theme: Theme, changes: Sequence[fl
     measured, predicted = (np.array([row["axes"][name][key] for row in shown]) for key in ("measured", "predicted"))
     settled = time > _BEGINNING if np.any(time > _BEGINNING) else np.isfinite(time)
     limits = [_limits(measured[settled], predicted[settled]), _limits((measured - predicted)[settled])]
-    gaps = _gaps(time)
-    time, measured, predicted = _broken_time(time, gaps), _broken(measured, gaps), _broken(predicted, gaps)
+    at = gaps(time)
+    time, measured, predicted = broken_time(time, at), broken(measured, at), broken(predicted, at)
     residual = measured - predicted
     style = {"mode": "lines+markers", "marker": {"size": 3}}
     data = [
@@ -93,22 +105,6 @@ def _limits(*lines: Array) -> list[float] | None:
         return None
     room = 0.08 * float(np.ptp(values)) or 0.1 * float(np.abs(values).max()) or 1e-3
     return [float(values.min()) - room, float(values.max()) + room]
-
-
-def _gaps(time: Array) -> npt.NDArray[np.intp]:
-    """Indices of points before which nothing was heard for long: a playback may be faster than the flight was."""
-    steps = np.diff(time)
-    return 1 + np.flatnonzero(steps > max(_GAP, 3.0 * float(np.median(steps)) if len(steps) else 0.0))
-
-
-def _broken(values: Array, gaps: npt.NDArray[np.intp]) -> Array:
-    """Values (n,) or (n, k) with NaN in gaps, where lines end."""
-    return np.insert(values.astype(np.float64), gaps, np.nan, axis=0)
-
-
-def _broken_time(time: Array, gaps: npt.NDArray[np.intp]) -> Array:
-    """Times (n,) with the middle of gaps."""
-    return np.insert(time.astype(np.float64), gaps, 0.5 * (time[gaps - 1] + time[gaps]))
 
 
 def cards(missing: Mapping[str, Any] | None) -> list[Card]:
@@ -141,14 +137,14 @@ def state_history(rows: Rows) -> StateHistory:
     """The contents of AircraftState that are kept, two at least, as the figures of the state take them."""
 
     time = np.array([row["time"] for row in rows], dtype=np.float64)
-    gaps = _gaps(time)
+    at = gaps(time)
 
     def column(name: str) -> Array:
-        return _broken(np.array([row[name] for row in rows]), gaps)
+        return broken(np.array([row[name] for row in rows]), at)
 
     sigma = column("standard_deviations")
     return StateHistory(
-        time=_broken_time(time, gaps),
+        time=broken_time(time, at),
         accelerometer_bias=column("accelerometer_bias"),
         accelerometer_bias_std=sigma[:, 9:12],
         gyro_bias=column("gyro_bias"),

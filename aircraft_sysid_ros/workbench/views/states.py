@@ -10,7 +10,19 @@ import numpy as np
 import numpy.typing as npt
 
 from aircraft_sysid_ros.workbench.views.coefficients import TIME_TITLE
-from aircraft_sysid_ros.workbench.views.figure import TIMED, Figure, Theme, axis, beyond, figure, line, thinned
+from aircraft_sysid_ros.workbench.views.figure import (
+    TIMED,
+    Figure,
+    Theme,
+    axis,
+    beyond,
+    broken,
+    broken_time,
+    figure,
+    gaps_among,
+    line,
+    thinned,
+)
 from aircraft_sysid_ros.workbench.views.parameters import INTERVAL
 
 Array = npt.NDArray[np.float64]
@@ -50,6 +62,7 @@ class StateHistory:
     measured_time: Mapping[str, Array]  # by "airspeed", "angle_of_attack", "sideslip"
     measured: Mapping[str, Array]
     time_title: str = TIME_TITLE
+    is_joined: bool = False  # of several manoeuvres, each with an origin of its own
 
     @property
     def knows_wind(self) -> bool:
@@ -152,7 +165,9 @@ def air_figure(state: StateHistory, which: str, theme: Theme, height: int = 250)
         seen = thinned(time, measured)
         at = np.union1d(at, np.clip(np.searchsorted(state.time, time[seen]), 0, len(state.time) - 1))
         seen = np.union1d(seen, np.clip(np.searchsorted(time, state.time[at]), 0, len(time) - 1))
-        data.append(line(time[seen], measured[seen], theme.noise, "measured", width=1.0))
+        apart = gaps_among(time, seen)
+        shown = broken_time(time[seen], apart), broken(measured[seen], apart)
+        data.append(line(*shown, theme.noise, "measured", width=1.0))
     data.append(line(state.time[at], values[at], theme.residual, "reconstructed", width=1.4))
     return figure(
         theme, data, height,

@@ -59,21 +59,24 @@ def flown_error(comparison: Comparison, name: str = WORST) -> FlownError:
 def track_figure(state: StateHistory, error: FlownError | None, theme: Theme, height: int = 460) -> Figure:
     """The track over the ground seen from above, start and end marked; None: the track alone.
 
-    Without GPS it is the track in the air, and its axes say so.
+    Without GPS it is the track in the air, and its axes say so; of several manoeuvres each begins at the origin.
     """
-    step = max(len(state.time) // 2000, 1)
-    whole_north, whole_east = state.position[::step, 0], state.position[::step, 1]
+    at = _drawn(state)
+    whole_north, whole_east = state.position[at, 0], state.position[at, 1]
+    parts = (_parts(state) if state.is_joined else []) or [(0, len(state.time) - 1)]
+    marked = np.array(parts).ravel()
     ends = {
-        "type": "scatter", "mode": "markers+text", "x": encoded(whole_east[[0, -1]]),
-        "y": encoded(whole_north[[0, -1]]), "text": ["start", "end"], "textposition": "top center",
-        "hoverinfo": "skip", "name": "ends",
-        "marker": {"size": 9, "color": theme.ink, "symbol": ["circle", "square"]}, "textfont": {"color": theme.ink},
+        "type": "scatter", "mode": "markers+text", "x": encoded(state.position[marked, 1]),
+        "y": encoded(state.position[marked, 0]), "text": ["start", "end", *[""] * (len(marked) - 2)],
+        "textposition": "top center", "hoverinfo": "skip", "name": "ends", "textfont": {"color": theme.ink},
+        "marker": {"size": 9, "color": theme.ink, "symbol": ["circle", "square"] * len(parts)},
     }  # fmt: skip
     data = [line(whole_east, whole_north, theme.noise, "track", width=1.0, hoverinfo="skip")]
     if error is not None:
         north, east = (np.interp(error.time, state.time, state.position[:, k]) for k in (0, 1))
         data.append(_coloured(east, north, error, theme))
-    within = "" if state.knows_wind else ", relative to the air"
+    within = " of where each manoeuvre began" if state.is_joined else ""
+    within += "" if state.knows_wind else ", relative to the air"
     return figure(
         theme, [*data, ends], height,
         xaxis=axis(theme, f"east{within} [m]"),
@@ -84,14 +87,27 @@ def track_figure(state: StateHistory, error: FlownError | None, theme: Theme, he
 
 def height_figure(state: StateHistory, error: FlownError, theme: Theme, height: int = 460) -> Figure:
     """Height above the origin of the positions over time."""
-    step = max(len(state.time) // 2000, 1)
-    path = line(state.time[::step], -state.position[::step, 2], theme.noise, "height", width=1.0, hoverinfo="skip")
+    shown, origin = _drawn(state), "where each manoeuvre began" if state.is_joined else "the origin"
+    path = line(state.time[shown], -state.position[shown, 2], theme.noise, "height", width=1.0, hoverinfo="skip")
     at = -np.interp(error.time, state.time, state.position[:, 2])
     return figure(
         theme, [path, _coloured(error.time, at, error, theme)], height,
-        xaxis=axis(theme, TIME_TITLE), yaxis=axis(theme, "height above the origin [m]", fixedrange=True),
+        xaxis=axis(theme, TIME_TITLE), yaxis=axis(theme, f"height above {origin} [m]", fixedrange=True),
         margin={"l": 66, "r": 8, "t": 10, "b": 44},
     )  # fmt: skip
+
+
+def _drawn(state: StateHistory) -> npt.NDArray[np.intp]:
+    """Rows that are drawn: evenly taken, and the gaps, where lines end."""
+    every = np.arange(0, len(state.time), max(len(state.time) // 2000, 1))
+    return np.union1d(every, np.flatnonzero(np.isnan(state.position[:, :2]).any(axis=1)))
+
+
+def _parts(state: StateHistory) -> list[tuple[int, int]]:
+    """First and last row of each part of the track between gaps."""
+    known = np.isfinite(state.position[:, :2]).all(axis=1).astype(np.int8)
+    begins, ends = (np.flatnonzero(np.diff(np.pad(known, 1)) == sign) for sign in (1, -1))
+    return [(int(begin), int(end) - 1) for begin, end in zip(begins, ends, strict=True)]
 
 
 def _coloured(x: Array, y: Array, error: FlownError, theme: Theme) -> dict[str, Any]:
