@@ -30,6 +30,7 @@ from aircraft_sysid_ros.reconstruction.sensor_noise import (
 from aircraft_sysid_ros.reconstruction.smoother_history import HAS_ROW, record_step
 from aircraft_sysid_ros.reconstruction.sparse_imu import (
     LONG,
+    held_motion,
     hidden_motion,
     is_sparse,
     mean_beyond_line,
@@ -175,6 +176,7 @@ def _look_at_interval(
     if not setup.imu_given[1]:
         of_rate *= scales[1]
     bend[:] = 0.0
+    hidden = held_motion(interval, end, values, memory)
     if sparse:
         second_difference(end, values, setup.maximum_gap, memory, bend)
         beyond = mean_beyond_line(0.0, 1.0, interval)
@@ -182,8 +184,8 @@ def _look_at_interval(
         of_rate += np.sum((beyond * bend[3:6]) ** 2) / 3.0
     elif interval > LONG:
         hidden = hidden_motion(interval, values, memory)
-        of_force += hidden[0]
-        of_rate += hidden[1]
+    of_force += hidden[0]
+    of_rate += hidden[1]
     density[0], density[1] = of_force * interval, of_rate * interval
 
 

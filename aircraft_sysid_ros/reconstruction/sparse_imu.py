@@ -15,6 +15,8 @@ Dense and sparse is told by stamps alone: more than half of the newest intervals
 A hole among dense samples, where a logger waited or a link lost packets, is integrated along the line, and that misses
 up to x^2 / 3 of the motion. How large that is, the last second says, or the step across the hole where it is more; it
 is added to the variance of the sample. Slopes beside the hole say less: in them the noise of dense samples is large.
+An IMU that repeats one sample to the last bit, as a recorder does that has no new one, hides as much or more: over a
+time T a value that stands misses x = omega T / 2 of the motion.
 """
 
 from __future__ import annotations
@@ -92,3 +94,36 @@ def hidden_motion(interval: float, values: Array, memory: Memory) -> tuple[float
         of_axis = missed * max(memory.motion[1, i], step * step)
         force, rate = (max(force, of_axis), rate) if i < 3 else (force, max(rate, of_axis))
     return force, rate
+
+
+@njit(cache=True)
+def held_motion(interval: float, time: float, values: Array, memory: Memory) -> tuple[float, float]:
+    """The same over an ``interval`` [s] up to ``time`` [s] for an IMU that repeats what it has shown for longer than
+    LONG, or repeats it no more: then the step shows what was missed. What it shows anew is noted.
+    """
+    is_new = False
+    for i in range(6):
+        is_new = is_new or values[i] != memory.imu[1 + i]
+    before = time - interval - memory.shown_since[0]
+    if is_new:
+        memory.shown_since[0] = time
+    if not before + (0.0 if is_new else interval) > LONG or not interval > 0.0:
+        return 0.0, 0.0
+    held, force, rate = _missed_while_held(before), 0.0, 0.0
+    for i in range(6):
+        motion = memory.motion[1, i]
+        missed = 0.5 * min(before, _LATELY) * (values[i] - memory.imu[1 + i])
+        whole = missed * missed if is_new else motion * _missed_while_held(before + interval)
+        grown = max(whole - motion * held, 0.0) / interval**2
+        force, rate = (max(force, grown), rate) if i < 3 else (force, max(rate, grown))
+    return force, rate
+
+
+@njit(cache=True)
+def _missed_while_held(time: float) -> float:
+    """Variance of the integral over a ``time`` [s] of motion of the variance 1, of which a value that stands is taken.
+
+    After _LATELY what is missed is as if by chance.
+    """
+    square = time * time if time < _LATELY else _LATELY * (2.0 * time - _LATELY)
+    return min((0.5 * _QUICK * time) ** 2, 1.0) * square

@@ -556,6 +556,7 @@ class StateEstimator:
             self._one_setup = in_array(setup)
         self.memory.imu[0], self.memory.imu[1:7] = time, imu[:6]
         self.memory.imu_before[:] = -np.inf
+        self.memory.shown_since[:] = time
         self.memory.last_fused[:] = time  # a sensor is lost only after it was given the time to speak
         self.memory.last_rejected[:] = self.memory.assumed[:] = -np.inf
         self._aligned = self._has_biases = True

@@ -4,9 +4,10 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from slow_flights import all_thinned, fast_flight, file_of_users, thinned
+from slow_flights import FAST, all_thinned, fast_flight, file_of_users, thinned
 
 from aircraft_sysid_ros.reconstruction.sparse_imu import (
+    held_motion,
     hidden_motion,
     is_sparse,
     mean_beyond_line,
@@ -15,7 +16,7 @@ from aircraft_sysid_ros.reconstruction.sparse_imu import (
 )
 from aircraft_sysid_ros.reconstruction.state import StateField, new_memory
 from aircraft_sysid_ros.reconstruction.state_estimator import StateEstimator
-from aircraft_sysid_ros.samples import Kind
+from aircraft_sysid_ros.samples import Kind, Samples
 
 
 def integral(times: np.ndarray, values: np.ndarray) -> float:
@@ -132,6 +133,26 @@ def test_a_hole_in_a_dense_imu_leaves_in_doubt_what_it_hides(hole: float, every:
     assert np.mean(ground[late] ** 2) < 2.0 and np.mean(wind[late] ** 2) < 3.0 and np.abs(bias).max() < 4.0
 
 
+@pytest.mark.parametrize(("held", "every"), [(0.05, 0.05), (0.1, 0.1), (0.3, 5.0)])
+def test_an_imu_that_repeats_a_sample_leaves_in_doubt_what_it_hides(held: float, every: float) -> None:
+    """As of a recorder that writes the newest sample at each step, whether it is new or not: it was believed."""
+    flight = fast_flight(7)
+    values, at = flight.samples.values.copy(), np.flatnonzero(flight.samples.kind == Kind.IMU)
+    steps, period = round(held * FAST), round(every * FAST)
+    number = np.arange(len(at))
+    shown = np.where(number % period < steps, number - number % period, number)
+    values[at, :6] = values[at[shown], :6]
+    estimator = StateEstimator(file_of_users())
+    samples = Samples(flight.samples.stamp, flight.samples.kind, values)
+    rows = np.vstack([estimator.push(samples), estimator.flush()])
+    assert estimator.epoch is not None and estimator.realignments == 0
+    time = rows[:, StateField.TIME] + (estimator.epoch - int(flight.biases.stamp[0])) * 1e-9
+    truth, late, std = flight.truth.at(time), time > 20.0, rows[:, StateField.STANDARD_DEVIATIONS]
+    ground = (truth.velocity - rows[:, StateField.VELOCITY]) / std[:, :3]
+    wind = (truth.wind - rows[:, StateField.WIND]) / rows[:, StateField.WIND_STD]
+    assert np.mean(ground[late] ** 2) < 4.0 and np.mean(wind[late] ** 2) < 4.0
+
+
 def test_in_steady_flight_a_hole_hides_nothing_and_in_motion_a_share_of_it() -> None:
     """A sine of 1 Hz: what is said is what the line across a hole misses, or somewhat more where it is wide."""
     memory, dt = new_memory(len(Kind), 0.1), 0.01
@@ -151,3 +172,16 @@ def test_in_steady_flight_a_hole_hides_nothing_and_in_motion_a_share_of_it() -> 
                 missed.append(exact - 0.5 * (np.sin(omega * now) + np.sin(omega * until)))
                 said.append(hidden_motion(hole, np.full(6, np.sin(omega * until)), memory)[1])
         assert 0.9 < np.mean(said) / np.mean(np.square(missed)) < 2.0
+
+
+def test_an_imu_without_noise_that_stands_is_right() -> None:
+    """As of a simulator on the ground: nothing is in doubt, and no more than a second of the first step after it."""
+    memory, standing = new_memory(len(Kind), 0.1), np.array([0.0, 0.0, -9.8, 0.0, 0.0, 0.0])
+    memory.imu[1:7], memory.shown_since[0] = standing, 0.0
+    for k in range(1, 6000):
+        note_motion(0.01, standing, memory)
+        if k > 3000:
+            assert max(held_motion(0.01, 0.01 * k, standing, memory)) == pytest.approx(0.0, abs=1e-6)
+        memory.imu[0] = 0.01 * k
+    force, rate = held_motion(0.01, 60.0, standing + np.array([0.2, 0.0, 0.0, 0.1, 0.0, 0.0]), memory)
+    assert 0.01 * np.sqrt([force, rate]) == pytest.approx([0.1, 0.05])  # [m/s], [rad]
