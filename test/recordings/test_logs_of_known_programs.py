@@ -389,6 +389,16 @@ def test_a_matrix_without_names_takes_those_of_the_list_beside_it(tmp_path, flow
     assert "channels.txt" in table.note
 
 
+@pytest.mark.parametrize("last", ["It was flown in calm air.", "plot(t, p); x = 3;", "The names are in the manual:"])
+def test_a_text_of_as_many_lines_is_no_list_of_names(tmp_path, flown, last):
+    """The columns of a matrix were called by the lines of a README beside it."""
+    values = [flown["time"], *(flown[f"angular_velocity.{axis}"] for axis in "xyz"), flown["altitude"]]
+    savemat(tmp_path / "f1.mat", {"f1": np.stack(values, axis=1)[::40]})
+    (tmp_path / "README.txt").write_text("Flight\nby nobody\nof an aeroplane\nwith wings\n" + last + "\n")
+    (table,) = open_source(tmp_path / "f1.mat").tables("*")
+    assert "README" not in table.note and not any("Flight" in name for name in table.columns)
+
+
 def _read(file):
     """Numbers of the columns of a file, and under "" their times [s] since the flight began."""
     from aircraft_sysid_ros.recordings.tabular.guess.times import guess_time

@@ -15,6 +15,7 @@ _COMMENT = re.compile(r"^\s*(#|%|//|!|;)\s*")
 _DECIMAL_COMMA = re.compile(r"[-+]?\d+,\d+([eE][-+]?\d+)?")
 _TIME_LIKE = re.compile(r"[-+]?\d[\d\-/:.,TtZ +]*")
 _IN_BRACKETS = re.compile(r"^(.*?)(\s*)[\[({]\s*([^\[\](){}]{0,20})\s*[\])}]\s*$")
+_SENTENCE = re.compile(r"(\S+\s+){3,}\S*[.!?:]$")
 #: Between columns whose names hold single blanks.
 PROSE = r"\s{2,}"
 _ALIKE = 3  # rows after the first of the data that must look like it
@@ -97,10 +98,15 @@ def split_unit(name: str) -> tuple[str, str]:
 
 
 def listed_names(lines: Sequence[str]) -> tuple[tuple[str, ...], dict[str, str]] | None:
-    """Names and units of a list, one a line, such as ``3  p  deg/s`` or ``p [deg/s]``; None for what is no list."""
+    """Names and units of a list, one a line, such as ``3  p  deg/s`` or ``p [deg/s]``; None for what is no list.
+
+    Sentences and lines of a program are none.
+    """
     names: list[str] = []
     units: dict[str, str] = {}
     for line in lines:
+        if "=" in line or _SENTENCE.match(line.strip()):
+            return None
         words = re.split(r"[\s,;]+", re.sub(r"^\d+\s*[.):,;]?\s+", "", line.strip().strip(",;")))
         name, unit = split_unit(" ".join(words))
         if not is_unit(unit) and len(words) > 1 and is_unit(words[1]):  # brackets may hold a remark
