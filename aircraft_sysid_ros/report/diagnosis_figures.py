@@ -10,7 +10,7 @@ import numpy as np
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.diagnosis.compare import Comparison
-from aircraft_sysid_ros.report.figures import MEASURED_COLOUR, PREDICTED_COLOUR, RESIDUAL_COLOUR
+from aircraft_sysid_ros.report.figures import MEASURED_COLOUR, PREDICTED_COLOUR, RESIDUAL_COLOUR, apart
 from aircraft_sysid_ros.report.pyplot import pyplot
 
 _WORST_COLOUR = "#E69F00"
@@ -30,7 +30,7 @@ def comparison_figure(comparison: Comparison, path: str | Path, title: str) -> P
     flight, time = comparison.flight, _time_of(comparison)
     for (both, residual), name in zip(plots, AXES, strict=True):
         measured = flight.coefficient(name)
-        both.plot(time, measured, color=MEASURED_COLOUR, lw=0.9, label="measured")
+        both.plot(*apart(time, measured), color=MEASURED_COLOUR, lw=0.9, label="measured")
         both.set_ylabel(f"{_SYMBOLS[name]} [-]")
         if name in comparison.axes:
             _plot_axis(both, residual, comparison, name)
@@ -59,10 +59,10 @@ def _time_of(comparison: Comparison) -> Any:
 
 def _plot_axis(both: Any, residual: Any, comparison: Comparison, name: str) -> None:
     axis, time = comparison.axes[name], _time_of(comparison)
-    both.plot(time, axis.predicted, color=PREDICTED_COLOUR, lw=0.9, ls="--", label="predicted by the model")
-    residual.plot(time, axis.fit.held_out, color=RESIDUAL_COLOUR, lw=0.7)
+    both.plot(*apart(time, axis.predicted), color=PREDICTED_COLOUR, lw=0.9, ls="--", label="predicted by the model")
+    residual.plot(*apart(time, axis.fit.held_out), color=RESIDUAL_COLOUR, lw=0.7)
     for sign in (-2.0, 2.0):
-        residual.plot(time, sign * axis.floor.std, color=_FLOOR_COLOUR, lw=0.7)
+        residual.plot(*apart(time, sign * axis.floor.std), color=_FLOOR_COLOUR, lw=0.7)
     for place in axis.places:
         if not place.is_cell:
             residual.axvspan(place.t_start, place.t_end, color=_WORST_COLOUR, alpha=0.35, lw=0)

@@ -19,6 +19,8 @@ Array = npt.NDArray[np.float64]
 # Okabe and Ito: told apart by the colour-blind.
 MEASURED_COLOUR, PREDICTED_COLOUR, RESIDUAL_COLOUR = "#000000", "#D55E00", "#0072B2"
 _AXIS_COLOURS = ("#E69F00", "#56B4E9", "#D55E00", "#0072B2", "#000000", "#CC79A7")
+#: Time [s] without a point across which no line is drawn.
+_GAP = 2.5
 #: Units of the outputs of the aircraft model, by what they are of.
 _UNITS = {
     "specific_force": "m/s²", "angular_rate": "rad/s", "position": "m", "velocity": "m/s", "attitude": "rad",
@@ -51,6 +53,13 @@ def load_points(run: str | Path) -> dict[str, Any]:
     return {**points, "fitted": fitted}
 
 
+def apart(time: Array, *values: Array) -> list[Array]:
+    """Times (n,) [s] and values (n,), with NaN in each long gap, as between manoeuvres: no line crosses it."""
+    steps = np.diff(time)
+    at = 1 + np.flatnonzero(steps > max(_GAP, 3.0 * float(np.median(steps)) if len(steps) else 0.0))
+    return [np.insert(np.asarray(each, dtype=np.float64), at, np.nan) for each in (time, *values)]
+
+
 def nrmse(measured: Array, predicted: Array) -> float:
     """Rms error over the standard deviation of the measured values; NaN without data."""
     both = np.isfinite(measured) & np.isfinite(predicted)
@@ -68,13 +77,13 @@ def coefficients_figure(run: str | Path, path: str | Path, title: str) -> Path:
     for i, axis in enumerate(AXES):
         measured, fitted = points["measured"][:, i], points["fitted"][:, i]
         both, residual = axes[i]
-        time = points["time"]
+        error = nrmse(measured, fitted)
+        time, measured, fitted = apart(points["time"], measured, fitted)
         both.plot(time, measured, color=MEASURED_COLOUR, lw=0.9, label="measured")
         both.plot(time, fitted, color=PREDICTED_COLOUR, lw=0.9, ls="--", label="predicted by the model")
         residual.plot(time, measured - fitted, color=RESIDUAL_COLOUR, lw=0.7)
         both.set_ylabel(f"{_SYMBOLS[axis]} [-]")
         residual.set_ylim(both.get_ylim() - np.mean(both.get_ylim()))
-        error = nrmse(measured, fitted)
         text = "not estimated" if np.isnan(error) else f"rms error {100 * error:.1f} % of its spread"
         residual.set_title(text, fontsize=9, loc="right")
         for plot in (both, residual):
@@ -101,15 +110,16 @@ def learning_figure(run: str | Path, path: str | Path, title: str, window: float
     points = load_points(run)
     figure, (above, below) = plt.subplots(2, 1, figsize=(11, 6.5), sharex=True, layout="constrained")
     pitch = AXES.index("Cm")
-    above.plot(points["time"], points["measured"][:, pitch], color=MEASURED_COLOUR, lw=0.9, label="measured")
+    time, measured, predicted = apart(points["time"], points["measured"][:, pitch], points["predicted"][:, pitch])
+    above.plot(time, measured, color=MEASURED_COLOUR, lw=0.9, label="measured")
     above.plot(
-        points["time"], points["predicted"][:, pitch], color=PREDICTED_COLOUR, lw=0.9, ls="--",
+        time, predicted, color=PREDICTED_COLOUR, lw=0.9, ls="--",
         label="predicted, before the sample was learnt from",
     )  # fmt: skip
     above.set_ylabel(f"{_SYMBOLS['Cm']} [-]")
     above.legend(loc="upper right", ncols=2, fontsize=9)
     for i, axis in enumerate(AXES):
-        time, error = _sliding_error(points, i, window)
+        time, error = apart(*_sliding_error(points, i, window))
         below.semilogy(time, 100.0 * error, lw=1.5, color=_AXIS_COLOURS[i], label=_SYMBOLS[axis])
     below.set_ylabel("prediction error [% of spread]")
     below.set_xlabel("time in flight [s]")

@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 
 from aircraft_sysid_ros.commands.main import main
+from aircraft_sysid_ros.report.diagnosis_figures import comparison_figure
+from aircraft_sysid_ros.report.figures import coefficients_figure, learning_figure
 from aircraft_sysid_ros.workbench.run_view import load_flight_record, load_run_view
 from aircraft_sysid_ros.workbench.views import coefficients, states, track
 from aircraft_sysid_ros.workbench.views.figure import LIGHT, thinned
@@ -47,6 +49,20 @@ def test_no_line_crosses_the_pause_between_manoeuvres(joined) -> None:
         x, y = line_of(made, name)
         crossed = (np.diff(x) > 2.5) & np.isfinite(y[1:]) & np.isfinite(y[:-1])
         assert not crossed.any() and np.ptp(x) > 40.0, name
+
+
+def test_no_line_of_the_pictures_of_commands_crosses_it_either(joined, tmp_path, monkeypatch) -> None:
+    saved = []
+    monkeypatch.setattr("matplotlib.figure.Figure.savefig", lambda self, path, **options: saved.append(self))
+    view, _ = joined
+    comparison_figure(view.comparison, tmp_path / "compare.png", "compare")
+    coefficients_figure(view.run.path, tmp_path / "coefficients.png", "coefficients")
+    learning_figure(view.run.path, tmp_path / "learning.png", "learning")
+    lines = [line.get_xydata() for figure in saved for plot in figure.axes for line in plot.lines]
+    assert len(saved) == 3 and len(lines) > 30
+    for line in (line for line in lines if len(line)):
+        crossed = (np.diff(line[:, 0]) > 5.0) & np.isfinite(line[1:, 1]) & np.isfinite(line[:-1, 1])
+        assert not crossed.any() and np.nanmax(line[:, 0]) - np.nanmin(line[:, 0]) > 40.0
 
 
 def test_each_manoeuvre_is_drawn_from_its_own_origin_and_this_is_said(joined) -> None:
