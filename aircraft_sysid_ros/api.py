@@ -37,13 +37,15 @@ from aircraft_sysid_ros.after_flight.progress import Tell, nobody
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
 from aircraft_sysid_ros.aircraft.frames import euler_angles
+from aircraft_sysid_ros.aircraft.named_inputs import NamedInput
+from aircraft_sysid_ros.aircraft.signals import MOST_INPUTS
 from aircraft_sysid_ros.call_arguments import Place, aircraft_of, options_by_name, place_of, text_of, text_path
 from aircraft_sysid_ros.diagnosis.model_versions import additions
 from aircraft_sysid_ros.diagnosis.model_versions.versions import open_run, released_parameters
 from aircraft_sysid_ros.diagnosis.significance.parametric_bootstrap import COUNT
 from aircraft_sysid_ros.diagnosis.two_runs import SideBySide
 from aircraft_sysid_ros.errors import InputError, echo
-from aircraft_sysid_ros.flight_check.signals import NAMES
+from aircraft_sysid_ros.flight_check.signals import INPUTS, NAMES
 from aircraft_sysid_ros.installation import MissingExtra
 from aircraft_sysid_ros.recordings.reader import read_recording
 from aircraft_sysid_ros.recordings.tabular.column_map import parse_column_map
@@ -99,7 +101,8 @@ class Recording:
     def tables(self) -> dict[str, pandas.DataFrame]:
         """Its samples by sensor: columns are signals, by the names of the MAP of an import; the index is time [s].
 
-        The attitude comes as roll, pitch and yaw. Times count from the earliest stamp. Raises InputError.
+        The attitude comes as roll, pitch and yaw, named inputs in the unit of the recording. Times count from the
+        earliest stamp. Raises InputError.
         """
         pandas = _pandas()
         recording = read_recording(self.path)
@@ -113,6 +116,15 @@ class Recording:
                 values = euler_angles(np.ascontiguousarray(rows.values[:, :4]))
             time = pandas.Index((rows.stamp - recording.start) * 1e-9, name="time")
             tables[kind.name.lower()] = pandas.DataFrame(values, time, names)
+        for first in range(0, len(recording.unnamed), MOST_INPUTS):
+            named = recording.unnamed[first : first + MOST_INPUTS]
+            inputs = [NamedInput(name, limits=(-np.inf, np.inf)) for name in named]
+            samples = read_recording(self.path, inputs).samples
+            rows = samples[samples.kind == Kind.INPUTS]
+            time = pandas.Index((rows.stamp - recording.start) * 1e-9, name="time")
+            columns = [f"{INPUTS}{name}" for name in named]
+            table = pandas.DataFrame(rows.values[:, : len(named)], time, columns)
+            tables["inputs" if first == 0 else f"inputs_{first // MOST_INPUTS + 1}"] = table
         return tables
 
 

@@ -129,6 +129,20 @@ def test_a_table_whose_columns_hold_no_numbers_or_stand_twice_is_not_recorded(tm
     assert not Path(tmp_path, "bag").exists()
 
 
+def test_named_inputs_are_among_the_tables_and_come_in_again(tmp_path):
+    """A recording that was corrected in pandas had lost the elevons without a word."""
+    pandas = pytest.importorskip("pandas")
+    table = still(pandas, 0.01 * np.arange(100))
+    moved = {f"inputs.{name}": 0.1 * k * np.sin(table.index) for k, name in enumerate("abcdefghijkl", 1)}
+    there = sysid.record(table.assign(**moved), tmp_path / "there")
+    again = sysid.record(list(there.tables().values()), tmp_path / "again")
+    for recording in (there, again):
+        shown = pandas.concat([t for name, t in recording.tables().items() if name.startswith("inputs")], axis=1)
+        assert {*shown} == {*moved}
+        for name, values in moved.items():
+            assert shown[name].to_numpy() == pytest.approx(values)
+
+
 @pytest.mark.long
 def test_frames_of_pandas_become_the_same_recording(run_with_hidden_effect, tmp_path):
     """Samples go out as tables by sensor and come in again."""
