@@ -164,7 +164,7 @@ def position_of_fix(place: Array, variance: Array, fix_type: npt.NDArray[Any]) -
 
 def without_vertical_zero(velocity: Array) -> Array:
     """Velocities NED (n, 3) [m/s]; a vertical part that is 0 all the time is that of a receiver that measures none."""
-    if not np.any(velocity[:, 2]):
+    if not np.any(np.nan_to_num(velocity[:, 2])):
         velocity[:, 2] = np.nan
     return velocity
 

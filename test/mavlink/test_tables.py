@@ -217,11 +217,13 @@ def test_an_angle_of_the_autopilot_is_used_only_where_a_vane_is_said_to_be_behin
 
 def test_a_receiver_without_a_vertical_speed_has_none():
     """As those of NMEA, of which autopilots write 0: a climb had a measured speed of 0."""
-    kinds, place = np.full(3, 3), {"Lat": np.full(3, 44.5), "Lng": np.full(3, 11.0), "Alt": np.full(3, 300.0)}
-    dataflash = {"Status": kinds, **place, "Spd": np.full(3, 10.0), "GCrs": np.zeros(3), "VZ": np.zeros(3)}
+    kinds, place = np.array([1, 3, 3, 3]), {"Lat": np.full(4, 44.5), "Lng": np.full(4, 11.0), "Alt": np.full(4, 300.0)}
+    dataflash = {"Status": kinds, **place, "Spd": np.full(4, 10.0), "GCrs": np.zeros(4), "VZ": np.zeros(4)}
+    kinds = np.full(3, 3)
     px4 = {"fix_type": kinds, "vel_n_m_s": np.full(3, 10.0), "vel_e_m_s": np.zeros(3), "vel_d_m_s": np.zeros(3)}
     for table, name, fields in ((DATAFLASH, "GPS", dataflash), (PX4, "sensor_gps", px4)):
-        velocity = next(r for r in readings_of(table, Batch(name, np.arange(3), fields)) if r.values.shape[1] == 3)
+        batch = Batch(name, np.arange(len(next(iter(fields.values())))), fields)
+        velocity = next(r for r in readings_of(table, batch) if r.quantity is Quantity.VELOCITY)
         np.testing.assert_array_equal(velocity.values, [[10.0, 0.0, np.nan]] * 3)
         made, _ = assembled([velocity], table, servo_mapping_from_dict({}))
         assert not sum(len(output.stamp) for output in made)
