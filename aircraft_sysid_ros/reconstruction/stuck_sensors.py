@@ -52,10 +52,11 @@ class StuckSensors:
         return Samples(samples.stamp, samples.kind, values)
 
     def _flies(self, samples: Samples) -> npt.NDArray[np.bool_]:
-        """Whether the newest airspeed at each sample (n,) is one to fly with."""
+        """Whether the newest airspeed at each sample (n,) is one to fly with, or not known."""
         at = np.flatnonzero(samples.kind == Kind.AIRSPEED)
         speeds = np.concatenate([[self._runs[Kind.AIRSPEED].value], samples.values[at, 0]])
-        return np.asarray(speeds[np.searchsorted(at, np.arange(len(samples)), side="right")] >= self._minimum_airspeed)
+        newest = speeds[np.searchsorted(at, np.arange(len(samples)), side="right")]
+        return ~np.asarray(newest < self._minimum_airspeed)
 
     def _follow(self, samples: Samples) -> Array:
         """Sums of the accelerometer up to each sample (n, 7)."""

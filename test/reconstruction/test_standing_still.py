@@ -50,6 +50,18 @@ def test_what_stands_still_is_dropped_after_its_time_until_it_moves(flight, kind
         assert np.array_equal(filtered(samples, size), values, equal_nan=True)
 
 
+@pytest.mark.parametrize("lost", ["not there", "invalid"])
+def test_a_vane_that_stands_still_is_dropped_where_nobody_measures_the_airspeed(flight, lost) -> None:
+    """As in a flight with --calm-air, or after the pitot failed: it was believed."""
+    samples = frozen(flight, Kind.ANGLE_OF_ATTACK)
+    samples.values[samples.kind == Kind.AIRSPEED, 0] = np.nan
+    if lost == "not there":
+        samples = samples[samples.kind != Kind.AIRSPEED]
+    at = window(samples, Kind.ANGLE_OF_ATTACK)
+    time = (samples.stamp[at] - samples.stamp[at[0]]) * 1e-9
+    assert np.array_equal(np.isnan(filtered(samples, 1000)[at, 0]), time > STILL_TIME)
+
+
 def test_a_sound_flight_is_left_alone(flight) -> None:
     assert np.array_equal(filtered(flight, 1000), flight.values, equal_nan=True)
 
