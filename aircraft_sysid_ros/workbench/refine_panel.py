@@ -11,6 +11,7 @@ from aircraft_sysid_ros.after_flight.refine import refined_sentences
 from aircraft_sysid_ros.refinement.refined_file import FILTER_ERROR, METHODS, OUTPUT_ERROR
 from aircraft_sysid_ros.workbench import markup
 from aircraft_sysid_ros.workbench.panel import Html, Panel, card
+from aircraft_sysid_ros.workbench.views.words import sentence, typeset
 from aircraft_sysid_ros.workbench.worker import REFINE, UNDO, Job
 
 _WORDS = {
@@ -57,7 +58,8 @@ class RefinePanel(Panel):
                 ui.label(f"Version {view.current} was not refined by this method yet.")
                 return
             for text in refined_sentences(dict(found)):
-                ui.label(text[:1].upper() + text[1:] + ".").classes("flag" if text.startswith(("WORSE", "NOT")) else "")
+                said = Html(typeset(sentence(text) + ".")).style("white-space:normal")
+                said.classes("flag" if text.startswith(("WORSE", "NOT")) else "")
         self._errors.show(markup.refined_errors(found["not_fitted"]))
         listed = view.parameters[view.current]
         self._parameters.show(markup.parameters_beside(listed, found["parameters"], ("table above", "refined")))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 
 import pytest
@@ -155,3 +156,21 @@ def test_on_a_phone_a_place_brings_the_plots_into_view_and_the_notice_is_at_the_
     page.evaluate("(s) => document.querySelector(s).classList.remove('hidden')", marked("notice"))
     below = "(s) => innerHeight - document.querySelector(s).getBoundingClientRect().bottom"
     assert abs(page.evaluate(below, marked("notice"))) < 2.0
+
+
+@pytest.mark.long
+def test_what_is_said_of_a_refinement_stays_within_the_page(run, served, open_page) -> None:
+    """That its values are not to be used went on in one line beyond the window."""
+    known = {"name": "CX_0", "value": 0.1, "std": 0.01, "status": "HOLD", "reason": ""}
+    found = {"parameters": [known], "not_fitted": {"CX": {"nrmse_before": 0.1, "nrmse": 0.2}}, "worse": ["CX"]}
+    found |= {"converged": False, "reason": "the steps stay large", "iterations": 9, "seconds_fitted": 30, "elapsed": 9}
+    (run / "refined-filter-error.json").write_text(json.dumps(found))
+    with served(run) as address:
+        page = open_page(address, width=390, height=844)
+        page.click(marked("tab-parameters"))
+        wait_for_text(page, "refined-words", "do not use the refined values")
+        for sentence in page.locator(marked("refined-words") + " > *").all():
+            assert sentence.evaluate("e => e.scrollWidth <= e.clientWidth")
+            assert "C_" not in sentence.inner_text()
+        assert page.evaluate("document.documentElement.scrollWidth") <= 390
+        page.close()  # before its server
