@@ -1,5 +1,6 @@
 """A telemetry log, written packet by packet as a ground station does, comes back as the samples that were flown."""
 
+import tracemalloc
 from dataclasses import replace
 
 import numpy as np
@@ -7,6 +8,7 @@ import pytest
 
 from aircraft_sysid_ros.aircraft.named_inputs import NamedInput
 from aircraft_sysid_ros.mavlink.decoder import Decoder
+from aircraft_sysid_ros.recordings import tlog_import
 from aircraft_sysid_ros.recordings.imported_log import write_log
 from aircraft_sysid_ros.recordings.reader import read_recording
 from aircraft_sysid_ros.recordings.tlog_import import import_tlog, read_tlog
@@ -112,3 +114,28 @@ def test_a_damaged_log_gives_the_rest(tmp_path, events, mapping):
     content = read_tlog(log)
     assert any("bytes are not messages" in note for note in content.notes)
     assert content.found["RAW_IMU"] > 700
+
+
+def test_a_long_log_does_not_need_forty_times_its_size(tmp_path, monkeypatch):
+    """Every message was kept as an object, whoever sent it: a log of 100 MB took 4 GB."""
+    from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+    autopilot, data, log = Decoder(), bytearray(), tmp_path / "long.tlog"
+    autopilot.system = autopilot.component = 1
+    for k in range(20_000):
+        imu = dialect.MAVLink_raw_imu_message(10_000 * (k + 1), k % 1000, 2, -1000, 1, 1, 1, 100, 100, 100)
+        heartbeat = dialect.MAVLink_heartbeat_message(dialect.MAV_TYPE_FIXED_WING, 3, 0, 0, 4, 3)
+        time = dialect.MAVLink_system_time_message(0, 10 * (k + 1))
+        data += packed(0.01 * k, autopilot.encode((heartbeat, time, imu)[min(k, 2)]))
+    log.write_bytes(data)
+    tracemalloc.start()
+    whole = read_tlog(log)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak < 10.0 * len(data), peak / len(data)
+    (imu,) = whole.batches
+    assert np.array_equal(imu.fields["xacc"], np.arange(2, 20_000) % 1000) and np.all(np.diff(imu.stamp) == 10**7)
+    monkeypatch.setattr(tlog_import, "_PIECE", 7)
+    (other,) = read_tlog(log).batches
+    assert all(np.array_equal(other.fields[name], column) for name, column in imu.fields.items())
+    assert np.array_equal(other.stamp, imu.stamp)
