@@ -239,6 +239,19 @@ def test_what_is_not_to_use_is_not_stated(learnt, aircraft):
     assert blind[0].startswith("Record elevator") and not any("elevator doublets" in text for text in blind)
 
 
+def test_inputs_of_an_aeroplane_of_its_own_are_among_what_to_fly(learnt, aircraft):
+    """Nothing more was needed for a wing of whose elevons nothing was known."""
+    elevons = {"Cl": ["1", "p", "left - right"], "Cm": ["1", "q", "left + right"]}
+    wing = aircraft_from_dict({**aircraft.source, "inputs": {"left": None, "right": None}, "model": elevons})
+    unknown = dict.fromkeys(wing.model.parameter_names, "")
+    own = SimpleNamespace(unknown=unknown, aircraft=wing, model=wing.model, flight=learnt[0].flight)
+    assert not any("left" in text for text in next_flights(check_json(), own, (), None))
+    unknown |= {"Cl_left-right": "not excited", "Cm_left+right": "not excited"}
+    (sentence,) = next_flights(check_json(), own, (), None)
+    assert sentence.startswith("Fly doublets of left and right, one by one: this flight does not show ")
+    assert sentence.endswith(" Cl_left-right and Cm_left+right.")
+
+
 def test_an_aeroplane_without_rudder_is_told_what_it_can_fly():
     names = {name: False for name in ("Cn_beta", "Cn_r", "Cn_da")}
     without = next_flights({"findings": [], "identifiable": names}, None, (), None)

@@ -152,8 +152,17 @@ def _for_parameters(
         manoeuvre = _WITHOUT_RUDDER if text == _YAW and not has_rudder else text
         names = [name for name in unknown if _first(signals, name, programs)]
         if names:
-            shown = listed(names[:6]) + (f" and {len(names) - 6} more" if len(names) > 6 else "")
-            yield f"Fly {manoeuvre.format(**pulses)}: this flight does not show {shown}."
+            yield f"Fly {manoeuvre.format(**pulses)}: this flight does not show {_some(names)}."
+    inputs = learnt.model.inputs if learnt else ()
+    if names := [name for name in unknown if _own(name, programs) is None and {*inputs} & {*_signals(name, programs)}]:
+        moved = [name for name in inputs if any(name in _signals(each, programs) for each in names)]
+        each_own = ", one by one" if len(moved) > 1 else ""
+        yield f"Fly doublets of {listed(moved)}{each_own}: this flight does not show {_some(names)}."
+
+
+def _some(names: Sequence[str]) -> str:
+    """Names of parameters, and of more than six how many more."""
+    return listed(list(names[:6])) + (f" and {len(names) - 6} more" if len(names) > 6 else "")
 
 
 def _seconds_of_flow(check: Mapping[str, Any], learnt: Learnt) -> float:
@@ -167,9 +176,13 @@ def _seconds_of_flow(check: Mapping[str, Any], learnt: Learnt) -> float:
 
 def _first(signals: frozenset[str], name: str, programs: Mapping[str, Any]) -> bool:
     """Whether the term of a parameter reads one of the signals, and none of a manoeuvre before."""
-    read = _signals(name, programs)
-    own = next((group for group, _ in _MANOEUVRES if group & set(read)), None)
-    return own == signals
+    return _own(name, programs) == signals
+
+
+def _own(name: str, programs: Mapping[str, Any]) -> frozenset[str] | None:
+    """Signals of the first manoeuvre that moves one which the term of a parameter reads; None: of no manoeuvre."""
+    read = set(_signals(name, programs))
+    return next((group for group, _ in _MANOEUVRES if group & read), None)
 
 
 def _signals(name: str, programs: Mapping[str, Any]) -> Collection[str]:
