@@ -87,7 +87,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         if node.failure is not None:
             raise node.failure
         counts = {} if is_px4 else {"foreign": node.bridge.transport.foreign, "sent_back": node.bridge.back.sent}
-        return {"connection": args.connection, **node.link.summary(), **counts}
+        notes = [text] if (text := node.link.outputs_condition) else []
+        return {"connection": args.connection, **node.link.summary(), **counts, "notes": notes}
     finally:
         if node is not None:
             node.destroy_node()
@@ -104,6 +105,10 @@ def _say_listening(args: argparse.Namespace, said: str) -> None:
 
 def render(result: dict[str, Any]) -> str:
     """The result for people."""
+    return "\n".join([_told(result), *(f"note: {note}" for note in result["notes"])])
+
+
+def _told(result: dict[str, Any]) -> str:
     if bridge_px4.is_result(result):
         return bridge_px4.render(result)
     clock = result["clock"]
@@ -205,4 +210,5 @@ def _node_arguments(args: argparse.Namespace) -> dict[str, Any]:
 
 def _state(session: Any) -> str:
     counts = f"{sum(session.received.values())} messages, {sum(session.published.values())} samples"
-    return f"{session.condition}: {counts}" if session.condition else counts
+    problem = session.condition or session.outputs_condition
+    return f"{problem}: {counts}" if problem else counts

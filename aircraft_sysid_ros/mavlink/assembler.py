@@ -220,6 +220,22 @@ class Assembler:
         self._received: set[str] = set()  # sources of a position that have had a receiver
         self._attitude_used = np.iinfo(np.int64).min
         self._keep: int | None = _KEPT
+        self._outputs_of: dict[Quantity, str] = {}  # source of pulses and of commands, of those that came
+
+    @property
+    def outputs_condition(self) -> str:
+        """Why outputs that come are no control surfaces, in words; empty: they are, none came, or none are wanted."""
+        wanted, other = Quantity.PULSES, Quantity.COMMANDS
+        names = "pulses", "us", "command"
+        if self.mapping.normalised:
+            wanted, other, names = other, wanted, ("commands", "command", "us")
+        if not self.mapping.outputs or wanted in self._outputs_of or other not in self._outputs_of:
+            return ""
+        came = "commands from -1 to 1" if other is Quantity.COMMANDS else "pulses in us"
+        return (
+            f"no control surfaces: the calibration file of the servos has {names[0]} ({names[1]}), and "
+            f"{self._outputs_of[other]} has {came}: give {names[2]} in place of {names[1]}"
+        )
 
     # -- which source ----------------------------------------------------------------------------------------
 
@@ -360,6 +376,7 @@ class Assembler:
         make = makers.get(reading.quantity)
         made = [] if make is None else [make(reading)]
         if reading.quantity in (Quantity.PULSES, Quantity.COMMANDS):
+            self._outputs_of[reading.quantity] = reading.source
             made.append(self._inputs(reading))
         return [output for output in made if output is not None and len(output.stamp)]
 

@@ -64,7 +64,7 @@ class Px4Listener:
         self.restarts = 0  # of the autopilot
         self.notes: list[str] = []  # news since they were last taken
         self._newest_remote = 0
-        self._last = 0
+        self._last = self._first = 0  # message [ns of our clock]
         self._is_synchronised = False
         self._doubtful = 0  # messages in a row that may be of another start
         self._doubtful_since = 0
@@ -75,6 +75,7 @@ class Px4Listener:
         self.received[name] += 1
         if not -NANOSECONDS <= now - self._last <= _LOST_AFTER:
             self.clock.reset()
+            self._first = now
         self._last = now
         stamp = self._stamp(int(sample_time(fields)[0]), int(np.asarray(fields[TIMES[1]])[0]) * 1000, now)
         if stamp is None:
@@ -131,7 +132,17 @@ class Px4Listener:
             return "PX4 is silent"
         if not any(self.received[name] for name in _IMU):
             return "no sensor_combined has come: add it to dds_topics.yaml"
-        return ""
+        return self.outputs_condition
+
+    @property
+    def outputs_condition(self) -> str:
+        """Why there are no control surfaces, in words; empty: there are, none are wanted, or they may still come."""
+        outputs = "actuator_servos" if self.mapping.normalised else "actuator_outputs"
+        if self.assembler.outputs_condition or not self.mapping.outputs or self.received[outputs]:
+            return self.assembler.outputs_condition
+        if self._last - self._first <= _LOST_AFTER:
+            return ""
+        return f"no {outputs} has come, so no control surfaces: if it does not in flight, add it to dds_topics.yaml"
 
     def take_notes(self) -> list[str]:
         """News since the last call."""

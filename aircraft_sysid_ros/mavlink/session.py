@@ -263,6 +263,11 @@ class Session:
             return "waiting for the clock of the autopilot"
         return ""
 
+    @property
+    def outputs_condition(self) -> str:
+        """Why outputs that come are no control surfaces, in words; empty when they are."""
+        return self.assembler.outputs_condition
+
     def take_notes(self) -> list[str]:
         """News since the last call."""
         notes, self.notes = self.notes, []

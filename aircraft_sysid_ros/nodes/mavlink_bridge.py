@@ -248,7 +248,11 @@ class MavlinkBridgeNode(ConfigurableNode):
         times = common.process_times()
         share = common.cpu_share(self._process_times, times)
         self._process_times = times
-        problems = ("the link failed" if self.failure else session.condition, self._lost_in_words(session))
+        problems = (
+            "the link failed" if self.failure else session.condition,
+            session.outputs_condition,
+            self._lost_in_words(session),
+        )
         problem = "; ".join(part for part in problems if part)
         level = DiagnosticStatus.WARN[0] if problem else DiagnosticStatus.OK[0]
         foreign = self.bridge.transport.foreign

@@ -104,8 +104,8 @@ SECOND = 1_000_000_000
 class Imu:
     """A listener that hears an IMU at 100 Hz, stamped since the start of the autopilot."""
 
-    def __init__(self):
-        self.listener, self.now = Px4Listener(clock=lambda: self.now), 1_760_000_000 * SECOND
+    def __init__(self, mapping=None):
+        self.listener, self.now = Px4Listener(mapping, clock=lambda: self.now), 1_760_000_000 * SECOND
 
     def hear(self, up, seconds):
         """Messages of an autopilot that is up for so long [s]; by how much [s] stamps are off, of those that came."""
@@ -203,6 +203,37 @@ def test_a_time_of_the_sample_counts_where_it_is_filled_in(published, taken, exp
 )
 def test_versions_stand_at_the_end_of_a_topic(topic, expected):
     assert named(topic) == expected
+
+
+IN_PULSES = servo_mapping_from_dict({"outputs": {1: {"surface": "elevator", "us": [1000, 2000], "deg": [-25, 25]}}})
+
+
+@pytest.mark.parametrize(
+    ("mapping", "outputs", "said"),
+    [
+        (MAPPING, (), "no actuator_servos has come"),  # as PX4 is set by default
+        (IN_PULSES, (), "no actuator_outputs has come"),
+        (IN_PULSES, ("actuator_servos",), "give command in place of us"),
+        (MAPPING, ("actuator_outputs",), "give us in place of command"),
+        (IN_PULSES, ("actuator_servos", "actuator_outputs"), ""),
+        (MAPPING, ("actuator_servos",), ""),
+        (None, (), ""),  # nobody asked for the controls
+    ],
+)
+def test_control_surfaces_that_do_not_come_are_said(mapping, outputs, said):
+    """Diagnostics were ok throughout a flight from which nothing could be learnt of the controls."""
+    imu = Imu(mapping)
+    fields = {
+        "actuator_servos": {"control": np.zeros((1, 8))},
+        "actuator_outputs": {"output": np.full((1, 16), 1500.0), "noutputs": np.array([8])},
+    }
+    imu.hear(10.0, 2.0)
+    assert imu.listener.condition == ""  # what has just begun may still come
+    for k in range(8):
+        imu.hear(12.0 + k, 1.0)
+        for name in outputs:
+            imu.listener.receive(name, {"timestamp": np.array([(13 + k) * 10**6]), **fields[name]})
+    assert said in imu.listener.condition and bool(said) == bool(imu.listener.condition)
 
 
 def test_nothing_heard_is_said():

@@ -12,7 +12,7 @@ from aircraft_sysid_ros.mavlink.back_channel import BackChannel, Known, Wind
 from aircraft_sysid_ros.mavlink.back_options import BackOptions
 from aircraft_sysid_ros.mavlink.bridge import Bridge
 from aircraft_sysid_ros.mavlink.decoder import Decoder
-from aircraft_sysid_ros.mavlink.servo_mapping import ServoMapping
+from aircraft_sysid_ros.mavlink.servo_mapping import ServoMapping, servo_mapping_from_dict
 from aircraft_sysid_ros.mavlink.session import Session
 from aircraft_sysid_ros.mavlink.signing import load_key
 from aircraft_sysid_ros.simulation.mavlink_simulator.autopilot import Faults, MavlinkSimulator
@@ -101,6 +101,14 @@ def test_messages_of_others_are_not_mixed_in():
 
 
 # -- asking -------------------------------------------------------------------------------------------------
+
+
+def test_a_calibration_in_commands_where_pulses_come_is_said(events, mapping):
+    commands = {1: {"surface": "elevator", "command": [-1, 1], "deg": [-25, 25]}}
+    simulator, session = MavlinkSimulator(mapping), Session(servo_mapping_from_dict({"outputs": commands}))
+    bridged(first(events, 3.0), simulator, session)
+    assert session.received["SERVO_OUTPUT_RAW"] and not session.published["control_surfaces"]
+    assert "give us in place of command" in session.outputs_condition
 
 
 @pytest.mark.long
