@@ -103,6 +103,18 @@ def with_options(setup: Setup, options: StateOptions, gate: Array) -> Setup:
     )
 
 
+def _doubt_of_probe(aircraft: Aircraft) -> Array:
+    """``Setup.probe_doubt``: as large in what a sensor shows, whatever its scale or that of the airspeed.
+
+    Else a scale would be likelier for the doubt alone, which is a guess: faster air makes a lever arm a smaller angle.
+    """
+    doubt, fast = np.zeros((len(Kind), 3)), aircraft.sensors["airspeed"].scale
+    for kind in (Kind.AIRSPEED, Kind.ANGLE_OF_ATTACK, Kind.SIDESLIP):
+        own = 1.0 if kind == Kind.AIRSPEED else aircraft.sensors[SENSOR_OF_KIND[kind]].scale
+        doubt[kind] = doubt_of_vanes(aircraft) / (own * fast)
+    return doubt
+
+
 def guide_of(gps: frozenset[int]) -> int:
     """``Setup.guide`` where these kinds of GPS samples are there."""
     return int(next((kind for kind in (Kind.GPS_VELOCITY, Kind.GPS_POSITION) if kind in gps), NO_GUIDE))
@@ -141,7 +153,7 @@ def new_setup(
         imu_position=aircraft.imu_position,
         gps_from_imu=aircraft.gps_position - aircraft.imu_position,
         probe_from_imu=aircraft.air_data_position - aircraft.imu_position,
-        probe_doubt=doubt_of_vanes(aircraft),
+        probe_doubt=_doubt_of_probe(aircraft),
         declination=np.nan if declination is None else float(declination),
         minimum_airspeed=float(aircraft.minimum_airspeed),
         variance=variance,

@@ -112,7 +112,7 @@ def variance_of_place(kind: int, x: Array, rate: Array, setup: Setup) -> float:
         return 0.0
     bias = GYRO_BIAS.start
     p, q, r = rate[0] - x[bias], rate[1] - x[bias + 1], rate[2] - x[bias + 2]
-    g, doubt = air_data_gradient(kind, air_velocity_at(x, rate, setup.probe_from_imu)), setup.probe_doubt
+    g, doubt = air_data_gradient(kind, air_velocity_at(x, rate, setup.probe_from_imu)), setup.probe_doubt[kind]
     ahead, right, below = g[1] * r - g[2] * q, g[2] * p - g[0] * r, g[0] * q - g[1] * p  # of omega x one metre
     return (ahead * doubt[0]) ** 2 + (right * doubt[1]) ** 2 + (below * doubt[2]) ** 2
 

@@ -177,7 +177,7 @@ class Setup(Record):
     imu_position: npt.NDArray[np.float64]  # (3,) FRD from the centre of gravity [m]
     gps_from_imu: npt.NDArray[np.float64]  # (3,)
     probe_from_imu: npt.NDArray[np.float64]  # (3,)
-    probe_doubt: npt.NDArray[np.float64]  # (3,) one sigma of where it is, by the aircraft file [m]
+    probe_doubt: npt.NDArray[np.float64]  # (kinds, 3) one sigma of where it is, by the aircraft file [m], for air data
     declination: float  # [rad], NaN: the magnetometer is not fused
     minimum_airspeed: float  # [m/s]
     variance: npt.NDArray[np.float64]  # (kinds, 3) of the measurement, from the aircraft file or its defaults

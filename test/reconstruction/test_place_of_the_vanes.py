@@ -9,6 +9,7 @@ from filter_setups import setup_of
 
 from aircraft_sysid_ros.aircraft.configuration import Aircraft, aircraft_from_dict
 from aircraft_sysid_ros.aircraft.frames import quaternion_from_euler
+from aircraft_sysid_ros.effects.effect import with_setting
 from aircraft_sysid_ros.pipeline import Pipeline
 from aircraft_sysid_ros.reconstruction.measurements import residual_and_jacobian, variance_of_place
 from aircraft_sysid_ros.reconstruction.state import AIR_VELOCITY, ATTITUDE, ERROR_SIZE, STATE_SIZE
@@ -40,9 +41,20 @@ def test_the_variance_is_that_of_vanes_elsewhere(aircraft: Aircraft, kind: Kind)
 
     here, step = np.array(setup.probe_from_imu), 1e-4
     slopes = [(innovation(here + step * e) - innovation(here - step * e)) / (2.0 * step) for e in np.eye(3)]
-    expected = float(np.sum(np.square(slopes) * np.square(setup.probe_doubt)))
+    expected = float(np.sum(np.square(slopes) * np.square(setup.probe_doubt[kind])))
     assert expected > 0.0
     assert variance_of_place(int(kind), state(), RATE, setup) == pytest.approx(expected, rel=1e-3)
+
+
+@pytest.mark.parametrize("scaled", ["airspeed", "angle_of_attack", "sideslip"])
+def test_no_scale_is_likelier_for_the_doubt_alone(aircraft: Aircraft, scaled: str) -> None:
+    """What a sensor shows is as doubtful whatever the scale: the search for one had called air 3 % too fast."""
+    silent, scale, names = of_shape(aircraft, places=False), 0.9, ("airspeed", "angle_of_attack", "sideslip")
+    other, faster = with_setting(silent, ("sensors", scaled, "scale"), scale), state()
+    faster[AIR_VELOCITY] /= scale if scaled == "airspeed" else 1.0  # the same airspeed is shown
+    for kind, name in zip((Kind.AIRSPEED, Kind.ANGLE_OF_ATTACK, Kind.SIDESLIP), names, strict=True):
+        shown = (scale if name == scaled else 1.0) ** 2 * variance_of_place(int(kind), faster, RATE, setup_of(other))
+        assert shown == pytest.approx(variance_of_place(int(kind), state(), RATE, setup_of(silent)), rel=0.02), name
 
 
 def test_what_is_said_leaves_no_doubt_and_other_sensors_have_none(aircraft: Aircraft) -> None:
