@@ -10,6 +10,7 @@ from scipy.optimize import least_squares
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.aircraft.atmosphere import STANDARD_GRAVITY
+from aircraft_sysid_ros.aircraft.signals import CONTROL_WORDS
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.export.learnt_model import SURFACES, LearntModel, that_go_with_time, thrust_part
 
@@ -40,6 +41,7 @@ class LevelFlight:
     thrust: float  # [N]; NaN where the model does not know it
     signals: Array  # (SIGNAL_COUNT,) its signal row
     outside: tuple[str, ...]  # signals beyond the range in which they were learnt
+    moved: tuple[str, ...]  # surfaces that the model knows
 
 
 def airspeeds_of(learnt: LearntModel) -> tuple[float, float, float]:
@@ -135,7 +137,8 @@ def level_flight(learnt: LearntModel, airspeed: float) -> LevelFlight:
     calibrated = airspeed * float(np.sqrt(density / SEA_LEVEL_DENSITY))
     surfaces = np.array([at[name] for name in SURFACES])
     newtons = float(signals[names.index("Tc")]) * qbar * aircraft.wing_area if thrust == "Tc" else np.nan
-    return LevelFlight(airspeed, calibrated, density, at["alpha"], bank, surfaces, newtons, signals, outside)
+    moved = tuple(name for name in SURFACES if name in read)
+    return LevelFlight(airspeed, calibrated, density, at["alpha"], bank, surfaces, newtons, signals, outside, moved)
 
 
 def slopes(learnt: LearntModel, signals: Array) -> Array:
@@ -153,16 +156,17 @@ def slopes(learnt: LearntModel, signals: Array) -> Array:
 
 def level_words(level: LevelFlight) -> str:
     """A trim in words."""
-    surfaces = ", ".join(
-        f"{name} {np.degrees(value):.2f} deg"
-        for name, value in zip(("elevator", "aileron", "rudder"), level.surfaces, strict=True)
+    surfaces = "".join(
+        f", {CONTROL_WORDS[name]} {np.degrees(value):.2f} deg"
+        for name, value in zip(SURFACES, level.surfaces, strict=True)
+        if name in level.moved
     )
     bank = f", bank {np.degrees(level.bank):.2f} deg" if level.bank else ""
     thrust = f", thrust {level.thrust:.2f} N" if np.isfinite(level.thrust) else ""
     outside = f"; outside of the learnt range: {', '.join(level.outside)}" if level.outside else ""
     return (
         f"level flight at {level.airspeed:.2f} m/s (calibrated {level.calibrated_airspeed:.2f}): angle of attack "
-        f"{np.degrees(level.alpha):.2f} deg, {surfaces}{bank}{thrust}{outside}"
+        f"{np.degrees(level.alpha):.2f} deg{surfaces}{bank}{thrust}{outside}"
     )
 
 

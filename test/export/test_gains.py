@@ -17,7 +17,7 @@ from aircraft_sysid_ros.export.autopilot_parameters import arduplane_gains, px4_
 from aircraft_sysid_ros.export.gains import gains
 from aircraft_sysid_ros.export.jsbsim import export_jsbsim
 from aircraft_sysid_ros.export.learnt_model import Parameter
-from aircraft_sysid_ros.export.level_flight import airspeeds_of, level_flight
+from aircraft_sysid_ros.export.level_flight import airspeeds_of, level_flight, level_words
 from aircraft_sysid_ros.export.rate_loops import PITCH, ROLL, Actuator, actuator_of, design
 from aircraft_sysid_ros.simulation.simulated_flight import default_aircraft
 
@@ -285,7 +285,11 @@ def test_a_wing_whose_elevons_are_inputs_of_their_own_flies_level_and_is_told_wh
     rows[:, names.index("right")] = 0.5 * (learnt.signal("de") - learnt.signal("da"))
     wing = replace(learnt, aircraft=replace(learnt.aircraft, model=model), parameters=named, signals=rows)
     speed = airspeeds_of(wing)[0]
-    assert level_flight(wing, speed).alpha == pytest.approx(level_flight(learnt, speed).alpha, abs=np.radians(0.3))
+    level = level_flight(wing, speed)
+    assert level.alpha == pytest.approx(level_flight(learnt, speed).alpha, abs=np.radians(0.3))
+    assert (
+        not {"elevator", "aileron"} & {*level_words(level).split()} and ("rudder" in level_words(level)) is has_rudder
+    )
     for axis, missing in ((ROLL, "Cl has no term of da"), (PITCH, "Cm has no term of de")):
         with pytest.raises(InputError, match=rf"no {axis} gains: {missing}; record .* elevons as half of their sum"):
             design(wing, axis, ACTUATOR)
