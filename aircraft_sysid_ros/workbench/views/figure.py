@@ -186,7 +186,7 @@ def thinned(
     table = padded.reshape(len(columns), len(first), size)
     low = np.argmin(np.where(np.isnan(table), np.inf, table), axis=2)
     high = np.argmax(np.where(np.isnan(table), -np.inf, table), axis=2)
-    is_gap = np.isnan(columns).all(axis=0)
+    is_gap = np.asarray(np.isnan(columns).all(axis=0))
     ends = np.flatnonzero(is_gap[1:] & ~is_gap[:-1]) + 1  # else a line would go on across a gap of one moment
     ends = ends if len(ends) < most // 2 else ends[:0]
     chosen = np.unique(np.concatenate([(first + low).ravel(), (first + high).ravel(), ends]))
