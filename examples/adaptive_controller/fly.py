@@ -212,7 +212,8 @@ def seen(result: dict[str, Any], parameters: str, fixed: float | None) -> str:
     if age > LATE:
         return (
             f"{told} The estimators did not keep up, the newest parameters are {age:.0f} s old: what learning does "
-            "this flight does not tell. Fly with a lower --rate (at 0, in step, it is this machine that is too busy)."
+            "this flight does not tell. Fly more slowly: --rate 0.5 is half of real time, and 0 does not wait for the "
+            "estimators."
         )
     if fixed is None:
         return f"{told} On fixed parameters the same flight loses the aeroplane: learning helped."
@@ -255,7 +256,9 @@ def main() -> int:
     parser.add_argument("--case", choices=list(CASES), default="elevator", help="what happens after 30 s")
     parser.add_argument("--parameters", choices=CONTROLLERS, default="live", help="what the controller flies on")
     parser.add_argument("--seed", type=int, default=1, help="of air, sensors and task")
-    parser.add_argument("--rate", type=float, default=1.0, help="times real time (0.1 to 100), or 0: in step")
+    parser.add_argument(
+        "--rate", type=float, default=1.0, help="times real time (0.1 to 100), or 0: in step with the controller"
+    )
     parser.add_argument("--seconds", type=float, default=75.0, help="of flight")
     parser.add_argument("--json", action="store_true", help="print one JSON document")
     args = parser.parse_args()
