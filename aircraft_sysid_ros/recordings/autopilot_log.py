@@ -62,7 +62,7 @@ def import_content(content: LogContent, table: Table, mapping: ServoMapping | No
         raise InputError(f"nothing in it can be used: it holds {held[:300]}")
     missing = _missing(topics, readings, assembler, mapping)
     used = {_source_name(output.source) for output in outputs} | _beside_others(assembler, topics)
-    found = _found(content.found, table, readings, used, missing.get("control_surfaces") == NO_SURFACES)
+    found = _found(content.found, table, readings, used, missing.get("control_surfaces", "").startswith(NO_SURFACES))
     notes = [*content.notes, *_attitude_note(topics, missing, mapping)]
     return ImportedLog(content.format, topics, missing, notes, found, content.manoeuvres)
 
@@ -174,7 +174,8 @@ def _missing(
     surfaces = there.get("control_surfaces")
     if surfaces is None:
         has_outputs = any(map(_moves, readings))
-        missing["control_surfaces"] = NO_SURFACES if has_outputs else "the log has no servo outputs"
+        given = assembler.outputs_condition.replace("no control surfaces: ", "; ")
+        missing["control_surfaces"] = NO_SURFACES + given if has_outputs else "the log has no servo outputs"
         if INPUTS_TOPIC in there:
             missing["control_surfaces"] = "the calibration file names inputs alone, which are on /inputs"
     else:

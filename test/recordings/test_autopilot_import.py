@@ -159,6 +159,15 @@ def test_outputs_that_nobody_explains_wait_for_a_calibration(tmp_path):
     assert any("attitude: {std: 0.05}" in note for note in report["notes"])
 
 
+def test_a_calibration_in_the_other_unit_is_told_so_and_not_asked_for_again(tmp_path):
+    log, servos = tmp_path / "flight.bin", tmp_path / "servos.yaml"
+    log.write_bytes(dataflash(FORMATS, dataflash_rows()))
+    servos.write_text("outputs: {1: {surface: elevator, command: [-1, 1], deg: [-25, 25]}}")
+    report, _ = run_import(log, tmp_path / "bag", servos)
+    assert "RCOU has pulses in us: give us in place of command" in report["missing"]["control_surfaces"]
+    assert report["found"]["RCOU"]["state"].startswith("needs a calibration file")
+
+
 def test_a_message_with_other_fields_is_not_one_that_another_goes_before(tmp_path):
     formats = {**FORMATS, "GPS": (FORMATS["GPS"][0], FORMATS["GPS"][1].replace("Lat", "La").replace("VZ", "V"))}
     log = tmp_path / "flight.bin"
