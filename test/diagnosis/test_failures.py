@@ -370,6 +370,23 @@ def test_what_one_form_of_the_balance_has_of_an_input_must_hold_beside_the_other
     assert not found_failures._is_denied(sure, form, other)
 
 
+@pytest.mark.parametrize(("of_gear", "answers_no_more"), [(2637.0, False), (140.0, True)])
+def test_a_moment_that_says_more_than_an_input_that_no_longer_acts_is_left_to_the_library(
+    monkeypatch, of_gear, answers_no_more
+) -> None:
+    """An elevator that holds the trim against a gear does nothing that shows: it had been called another one."""
+    sure, constant = (SimpleNamespace(score=score, evidence=ev) for score, ev in ((700.0, 1427.0), (60.0, of_gear)))
+    search = SimpleNamespace(best=lambda name, kind: constant, base={}, axes_of=lambda name: [])
+    form = SimpleNamespace(search=search, balance=None)
+    for name, value in {
+        "_frozen": sure, "_weakened": None, "_of_input": sure, "described": "it", "named": None,
+        "is_long_enough": True, "_is_shown": True, "_deaf": (),
+    }.items():  # fmt: skip
+        monkeypatch.setattr(found_failures, name, lambda *_, value=value: value)
+    found = found_failures._searched(found_failures._Job(form, "de"))
+    assert (found.unlike is not None) == answers_no_more and found.failure is None
+
+
 @pytest.mark.long
 def test_an_aileron_that_moves_for_the_first_time_has_not_changed() -> None:
     """Straight for 137 s at 10 Hz, then a turn: the rolling acceleration, noise there, had an aileron that fails."""
