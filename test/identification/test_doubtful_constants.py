@@ -101,7 +101,8 @@ def test_seconds_in_which_wind_and_attitude_tell_an_angle_are_too_few_to_use_wha
         samples = samples[~due]
         found = pipeline.parameters.snapshot().parameters
         seconds.append(pipeline.parameters.learning.conditions.seconds.max())
-        reasons.append([p.reason for p in found if f"of the {THRESHOLDS.inferred_seconds:.0f} s that are needed" in p.reason])
+        asked = f"of the {THRESHOLDS.inferred_seconds:.0f} s that are needed"
+        reasons.append([p.reason for p in found if asked in p.reason])
         used.append(sum(p.status == Trust.USE for p in found))
     assert 5.0 < seconds[0] < THRESHOLDS.inferred_seconds < seconds[1]
     assert len(reasons[0]) == len(aircraft.model.parameter_names) and used[0] == 0
