@@ -119,7 +119,9 @@ def test_rates_are_asked_for_by_interval_and_heard(events, mapping):
     assert imu > 100 * 5 and servo > 50 * 5
     assert session.received["RAW_IMU"] < 20  # its slow rate of the start: a better one is there
     assert session.received["GPS_RAW_INT"] > 45  # 10 Hz, each of the 5 fixes in a second twice
-    assert 25 <= session.published["gps/fix"] <= 30 and 25 <= session.published["gps/vel"] <= 30
+    assert 25 <= session.published["gps/fix"] <= 30
+    # until the receiver's is whole, which takes a quarter of a second, that of the autopilot counts, at 50 Hz
+    assert 25 <= session.published["gps/vel"] <= 30 + 15
     assert 50 <= session.published["imu/mag"] <= 60  # the sensor's own 10 Hz
 
 
