@@ -45,7 +45,8 @@ def _trust(found: Explanation) -> list[str]:
     findings = found.check.checked.findings
     count = {severity: sum(f.severity == severity for f in findings) for severity in SEVERITIES}
     if count[ERROR]:
-        first = f"Not as it is: {_counted(count[ERROR], 'error')} make what is estimated from it wrong."
+        make = "makes" if count[ERROR] == 1 else "make"
+        first = f"Not as it is: {_counted(count[ERROR], 'error')} {make} what is estimated from it wrong."
     elif found.check.duration < SHORTEST:
         first = f"That cannot be said: {nothing_wrong(found.check.duration)}."
     elif off := _off(found):
