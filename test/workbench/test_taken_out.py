@@ -34,6 +34,7 @@ def test_undo_brings_back_what_was_taken_out(run, served, open_page) -> None:
         page.click(marked("undo"))
         wait_for_text(page, "notice", "With 'dihedral_alpha' the held-out error falls")
         assert open_run(run).current.identifier == before.identifier
+        page.close()  # before its server
 
 
 @pytest.mark.long
