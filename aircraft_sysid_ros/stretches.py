@@ -1,11 +1,16 @@
-"""Uninterrupted stretches of a series: where a condition holds, from which index to which."""
+"""Uninterrupted stretches of a series: where a condition holds, from which index to which, and where it has gaps."""
 
 from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
 
+Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
+Indices = npt.NDArray[np.intp]
+
+#: Time [s] without a point across which no line is drawn.
+_GAP = 2.5
 
 
 def stretches(mask: Mask) -> list[tuple[int, int]]:
@@ -17,3 +22,9 @@ def stretches(mask: Mask) -> list[tuple[int, int]]:
 def longest_stretch(mask: Mask) -> slice:
     """The first of the longest runs of True in a mask (n,); empty where there is none."""
     return slice(*max(stretches(mask), key=lambda run: run[1] - run[0], default=(0, 0)))
+
+
+def gaps(time: Array) -> Indices:
+    """Indices of times (n,) before which nothing was heard for long: a playback may be faster than the flight was."""
+    steps = np.diff(time)
+    return 1 + np.flatnonzero(steps > max(_GAP, 3.0 * float(np.median(steps)) if len(steps) else 0.0))

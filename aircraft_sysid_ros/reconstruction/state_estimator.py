@@ -333,22 +333,15 @@ class StateEstimator:
 
         That of the angle of attack holds what it is off where the pitch is, and ``of_attitude`` says how much.
         """
-        return error_table(self._x, self._p, _OF_TILT * self.tilt_doubt[1]) if len(self._x) > STATE_SIZE else {}
-
-    @property
-    def tilt_doubt(self) -> tuple[float, float]:
-        """What roll and pitch may be off in the mean of a flight [rad], by an attitude whose noise is not stated."""
-        roll, pitch, _ = self.attitude_doubt.tolist()
-        return roll, pitch
-
-    @property
-    def heading_doubt(self) -> float:
-        """The same of the heading [rad]."""
-        return float(self.attitude_doubt[2])
+        if len(self._x) <= STATE_SIZE:
+            return {}
+        return error_table(self._x, self._p, _OF_TILT * float(self.attitude_doubt[1]))
 
     @property
     def attitude_doubt(self) -> Array:
-        """The same about all body axes (3,) [rad]."""
+        """What an attitude whose noise is not stated may be off about the body axes (3,) in the mean of a flight [rad]:
+        roll, pitch and heading in level flight.
+        """
         found = np.zeros(3)
         if self.setup is not None and not self.setup.given[Kind.ATTITUDE] and self.memory.fused[Kind.ATTITUDE]:
             mean_attitude_errors(self.memory.noise[Kind.ATTITUDE], found)
@@ -390,7 +383,7 @@ class StateEstimator:
         sigma = np.sqrt(np.diag(self._p))
         wind, wind_std = self._wind_in_flight()
         of_bias = sigma[D_ACCELEROMETER_BIAS : D_ACCELEROMETER_BIAS + 3]
-        of_bias[:2] = np.hypot(of_bias[:2], STANDARD_GRAVITY * np.array(self.tilt_doubt[::-1]))
+        of_bias[:2] = np.hypot(of_bias[:2], STANDARD_GRAVITY * self.attitude_doubt[1::-1])
         values = {
             "accelerometer_bias": (self._x[10:13], of_bias),
             "gyro_bias": (self._x[13:16], sigma[D_GYRO_BIAS : D_GYRO_BIAS + 3]),

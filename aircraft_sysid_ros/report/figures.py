@@ -13,14 +13,13 @@ from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.report.pyplot import ABOVE, pyplot
 from aircraft_sysid_ros.run_reader import PARAMETERS, POINTS
+from aircraft_sysid_ros.stretches import gaps
 
 Array = npt.NDArray[np.float64]
 
 # Okabe and Ito: told apart by the colour-blind.
 MEASURED_COLOUR, PREDICTED_COLOUR, RESIDUAL_COLOUR = "#000000", "#D55E00", "#0072B2"
 _AXIS_COLOURS = ("#E69F00", "#56B4E9", "#D55E00", "#0072B2", "#000000", "#CC79A7")
-#: Time [s] without a point across which no line is drawn.
-_GAP = 2.5
 #: Units of the outputs of the aircraft model, by what they are of.
 _UNITS = {
     "specific_force": "m/s²", "angular_rate": "rad/s", "position": "m", "velocity": "m/s", "attitude": "rad",
@@ -55,8 +54,7 @@ def load_points(run: str | Path) -> dict[str, Any]:
 
 def apart(time: Array, *values: Array) -> list[Array]:
     """Times (n,) [s] and values (n,), with NaN in each long gap, as between manoeuvres: no line crosses it."""
-    steps = np.diff(time)
-    at = 1 + np.flatnonzero(steps > max(_GAP, 3.0 * float(np.median(steps)) if len(steps) else 0.0))
+    at = gaps(time)
     return [np.insert(np.asarray(each, dtype=np.float64), at, np.nan) for each in (time, *values)]
 
 

@@ -35,8 +35,9 @@ from aircraft_sysid_ros.refinement.refined_file import METHODS, refined_name
 from aircraft_sysid_ros.run_reader import DIAGNOSIS, ESTIMATES, PARAMETERS, SAMPLES, STATE, UNREADABLE, not_a_run
 from aircraft_sysid_ros.samples import Kind
 from aircraft_sysid_ros.simulation.truth_files import true_values, truth_path
+from aircraft_sysid_ros.stretches import gaps
 from aircraft_sysid_ros.workbench.undo import written
-from aircraft_sysid_ros.workbench.views.figure import broken, broken_time, gaps
+from aircraft_sysid_ros.workbench.views.figure import broken, broken_time
 from aircraft_sysid_ros.workbench.views.parameters import ParameterHistory
 from aircraft_sysid_ros.workbench.views.states import StateHistory
 from aircraft_sysid_ros.workbench.views.words import readable

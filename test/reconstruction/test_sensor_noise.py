@@ -350,7 +350,7 @@ def test_heading_and_wind_are_known_no_better_than_an_attitude_that_drifts_shows
         turns = np.array([quaternion_log(quaternion_product(quaternion_conjugate(mine), q)) for mine, q in pairs])
         of_heading.append(turns[:, 2] / late[:, StateField.STANDARD_DEVIATIONS][:, D_ATTITUDE + 2])
         of_wind.append((truth.wind - late[:, StateField.WIND]) / late[:, StateField.WIND_STD])
-        heading = state.heading_doubt
+        heading = state.attitude_doubt[2]
         assert 0.0 < heading < np.deg2rad(3.0)
         assert late[-1, StateField.STANDARD_DEVIATIONS][D_ATTITUDE + 2] > heading
     assert np.sqrt(np.mean(np.square(of_heading))) < 2.5
@@ -391,7 +391,7 @@ def test_a_vane_and_the_biases_are_known_no_better_than_the_tilt():
         state.push(drifting(samples, partial(gauss_markov, std=0.7, seed=seed)))
         state.flush()
         of_filter, with_tilt = error_table(*state.slow_states)["b_alpha"], state.air_data_errors["b_alpha"]
-        assert np.deg2rad(0.1) < with_tilt["of_attitude"] < state.tilt_doubt[1]
+        assert np.deg2rad(0.1) < with_tilt["of_attitude"] < state.attitude_doubt[1]
         alone.append(of_filter["value"] / of_filter["std"])  # the vane is sound
         said.append(with_tilt["value"] / with_tilt["std"])
         summary = state.summary()

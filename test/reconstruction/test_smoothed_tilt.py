@@ -30,14 +30,14 @@ def test_smoothing_does_not_take_away_the_doubt_of_a_drifting_attitude(aircraft)
         estimator = StateEstimator(of_shape(aircraft), None, tape)
         estimator.push(with_slow_error(flight.samples))
         estimator.flush()
-        roll, pitch = estimator.tilt_doubt
+        roll, pitch, _ = estimator.attitude_doubt
         std = estimator.smooth()[:, StateField.STANDARD_DEVIATIONS]
         assert min(roll, pitch) > 0.1 * SLOW
         assert (std[:, D_ATTITUDE] > roll).all() and (std[:, D_ATTITUDE + 1] > pitch).all()
         assert (std[:, D_ACCELEROMETER_BIAS] > 9.8 * pitch).all()
         assert (std[:, D_ACCELEROMETER_BIAS + 1] > 9.8 * roll).all()
         assert (std[:, D_ACCELEROMETER_BIAS + 2] < 9.8 * min(roll, pitch)).any()
-        rows, heading = estimator.tape.rows, estimator.heading_doubt
+        rows, heading = estimator.tape.rows, estimator.attitude_doubt[2]
         assert heading > 0.1 * SLOW and (std[:, D_ATTITUDE + 2] > heading).all()
         assert (np.hypot(std[:, D_WIND], std[:, D_WIND + 1]) > 0.9 * heading * rows[:, StateField.AIRSPEED]).all()
         assert (std[:, D_WIND + 2] > 0.5 * pitch * rows[:, StateField.AIRSPEED]).all()
@@ -50,7 +50,7 @@ def test_the_doubt_is_that_of_each_flight(aircraft) -> None:
     with SmootherHistory() as tape:
         estimator = StateEstimator(of_shape(aircraft), None, tape)
         count = len(estimator.push(with_slow_error(flight.samples)))
-        roll, pitch = estimator.tilt_doubt
+        roll, pitch, _ = estimator.attitude_doubt
         count += len(estimator.begin_anew(np.nan))
         estimator.push(without[without.stamp < without.stamp[0] + 8 * 10**9])
         estimator.flush()

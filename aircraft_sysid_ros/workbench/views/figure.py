@@ -11,15 +11,14 @@ import numpy as np
 import numpy.typing as npt
 from markupsafe import escape
 
+from aircraft_sysid_ros.stretches import Indices, gaps
+
 Array = npt.NDArray[np.float64]
-Indices = npt.NDArray[np.intp]
 Figure = dict[str, Any]
 
 FONT = "system-ui, -apple-system, 'Segoe UI', Roboto, 'Helvetica Neue', Arial, sans-serif"
 #: Points of a line that are drawn: two per pixel of a narrow plot.
 MOST_POINTS = 1000
-#: Time [s] without a point across which no line is drawn.
-_GAP = 2.5
 #: What a curve that leaves the range of its plot is called, and most marks of it at one edge.
 BEYOND, _MOST_MARKS = "beyond the plot", 40
 #: A figure can be saved: the one button that plotly.js shows over it. No list in a list: plotly.js would take the
@@ -192,12 +191,6 @@ def thinned(
     chosen = np.unique(np.concatenate([(first + low).ravel(), (first + high).ravel(), ends]))
     moments: npt.NDArray[np.intp] = begin + np.minimum(chosen, count - 1)
     return moments
-
-
-def gaps(time: Array) -> Indices:
-    """Indices of times (n,) before which nothing was heard for long: a playback may be faster than the flight was."""
-    steps = np.diff(time)
-    return 1 + np.flatnonzero(steps > max(_GAP, 3.0 * float(np.median(steps)) if len(steps) else 0.0))
 
 
 def gaps_among(time: Array, at: Indices) -> Indices:

@@ -12,6 +12,7 @@ from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, AXIS_WORDS
 from aircraft_sysid_ros.diagnosis.compare import FAILS, MORE, NOISE, SHORT
 from aircraft_sysid_ros.effects import BY_ID
 from aircraft_sysid_ros.identification.thresholds import THRESHOLDS
+from aircraft_sysid_ros.stretches import gaps
 from aircraft_sysid_ros.workbench.views.candidates import Card
 from aircraft_sysid_ros.workbench.views.coefficients import NO_DATA, AxisRow
 from aircraft_sysid_ros.workbench.views.figure import (
@@ -23,7 +24,6 @@ from aircraft_sysid_ros.workbench.views.figure import (
     broken,
     broken_time,
     figure,
-    gaps,
     line,
     upright,
 )

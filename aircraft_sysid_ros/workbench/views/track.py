@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES
 from aircraft_sysid_ros.diagnosis.compare import Comparison
+from aircraft_sysid_ros.stretches import stretches
 from aircraft_sysid_ros.workbench.views.coefficients import TIME_TITLE, time_of
 from aircraft_sysid_ros.workbench.views.figure import Figure, Theme, axis, encoded, figure, line
 from aircraft_sysid_ros.workbench.views.places import colour_bar
@@ -105,9 +106,8 @@ def _drawn(state: StateHistory) -> npt.NDArray[np.intp]:
 
 def _parts(state: StateHistory) -> list[tuple[int, int]]:
     """First and last row of each part of the track between gaps."""
-    known = np.isfinite(state.position[:, :2]).all(axis=1).astype(np.int8)
-    begins, ends = (np.flatnonzero(np.diff(np.pad(known, 1)) == sign) for sign in (1, -1))
-    return [(int(begin), int(end) - 1) for begin, end in zip(begins, ends, strict=True)]
+    is_known = np.asarray(np.isfinite(state.position[:, :2]).all(axis=1))
+    return [(begin, end - 1) for begin, end in stretches(is_known)]
 
 
 def _coloured(x: Array, y: Array, error: FlownError, theme: Theme) -> dict[str, Any]:
