@@ -135,11 +135,12 @@ def _told(result: dict[str, Any]) -> str:
 def _check(args: argparse.Namespace) -> None:
     """What the node would only log, as one clear line before it starts."""
     try:
-        from aircraft_sysid_ros.mavlink.assembler import check_sources, only_known_topics
+        from aircraft_sysid_ros.mavlink.assembler import only_known_topics
         from aircraft_sysid_ros.mavlink.mavlink_table import MAVLINK
         from aircraft_sysid_ros.mavlink.requests import Requests
         from aircraft_sysid_ros.mavlink.servo_mapping import load_servo_mapping
         from aircraft_sysid_ros.mavlink.signing import load_key
+        from aircraft_sysid_ros.mavlink.sources import check_sources
         from aircraft_sysid_ros.mavlink.transport import Transport, parse_address
     except ImportError:
         raise MissingExtra("bridges", "pymavlink", "bridge") from None

@@ -8,10 +8,11 @@ from typing import Any
 
 from aircraft_sysid_ros.commands.options import absolute_namespace
 from aircraft_sysid_ros.errors import InputError
-from aircraft_sysid_ros.mavlink.assembler import check_sources, only_known_topics
+from aircraft_sysid_ros.mavlink.assembler import only_known_topics
 from aircraft_sysid_ros.mavlink.px4_listener import FMU_OUT
 from aircraft_sysid_ros.mavlink.px4_table import PX4
 from aircraft_sysid_ros.mavlink.servo_mapping import load_servo_mapping
+from aircraft_sysid_ros.mavlink.sources import check_sources
 
 SCHEME = "dds:"
 

@@ -1,4 +1,4 @@
-"""Quantities to our topics: which source counts, what is combined, and conversion to ROS frames.
+"""Quantities to our topics: what is combined, and conversion to ROS frames.
 
 The same object serves the bridge, one message at a time, and imports, a whole log at once: it is elementwise, and what
 one quantity needs of another (the pressure of an airspeed, the vertical part of a velocity) is the last value before.
@@ -7,8 +7,7 @@ one quantity needs of another (the pressure of an airspeed, the vertical part of
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, field
-from pathlib import Path
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -21,19 +20,18 @@ from aircraft_sysid_ros.mavlink.airspeed import (
     true_airspeed,
     true_of_impact_pressure,
 )
+from aircraft_sysid_ros.mavlink.held_values import Held, wide
 from aircraft_sysid_ros.mavlink.quantities import (
-    CLEARLY_MORE,
     FIX_STATUS,
-    NEEDED,
     Array,
     Quantity,
     Reading,
     Stamps,
     Table,
-    rank,
     with_receiver,
 )
 from aircraft_sysid_ros.mavlink.servo_mapping import MOTORS, ServoMapping
+from aircraft_sysid_ros.mavlink.sources import OWN_POSITION, SILENCE, Sources, with_vertical
 from aircraft_sysid_ros.ros_messages.conversion import (
     INPUTS_TOPIC,
     INPUTS_TYPE,
@@ -78,16 +76,11 @@ USUAL_MEANING = {
 }  # fmt: skip
 #: Flow angles that ArduPilot works out from its own estimates, unless a vane is said to be behind them.
 COMPUTED_ANGLES = ("AOA_SSA", "AOA")
-OWN_POSITION = "GLOBAL_POSITION_INT"  # of the autopilot's filter
 _TOLD_AS_ASKED = ("HIGHRES_IMU", "SCALED_IMU", "RAW_IMU", "VFR_HUD", "AIRSPEED", "SCALED_PRESSURE")
-SILENCE = 2.0  # [s] after which the next best source takes over
 # How old [s] a value may be that another quantity needs.
-_PRESSURE_AGE, _DESCENT_AGE, _PROPELLER_AGE, _NAMED_AGE, _ATTITUDE_AGE, _SENSOR_AGE = 5.0, 0.5, 1.0, 1.0, 0.1, 30.0
+_PRESSURE_AGE, _PROPELLER_AGE, _NAMED_AGE, _ATTITUDE_AGE, _SENSOR_AGE = 5.0, 1.0, 1.0, 0.1, 30.0
 _MOTOR_AGE = 1.0
 _OF_SPEED = (Quantity.AIRSPEED, Quantity.IMPACT_PRESSURE)
-#: Sources of one quality, of which that counts in a log which has clearly more samples: PX4 logs its receivers once in
-#: a second, and the position that it chose of them as often as it comes.
-ALIKE = {"sensor_gps", "vehicle_gps_position"}, {"airspeed", "airspeed_validated"}
 _KEPT = 64  # values that a live mapping remembers per quantity
 _MILLISECOND = 1_000_000
 
@@ -112,89 +105,6 @@ class Output:
         return "map" if self.topic in (WIND_TOPIC, ATTITUDE_TOPIC) else frame_of(self.topic)
 
 
-#: Source of airspeed in a calibration file: there is no sensor.
-NO_AIRSPEED = "none"
-
-
-@dataclass
-class Held:
-    """Values of a quantity in order of time, to be looked up; all of a log, or the newest of a flight."""
-
-    stamp: Stamps = field(default_factory=lambda: np.empty(0, np.int64))
-    values: Array = field(default_factory=lambda: np.empty((0, 0)))
-
-    def add(self, stamp: Stamps, values: Array, keep: int | None) -> None:
-        """Take n values; ``keep`` bounds how many stay. A clock that went back forgets what it said."""
-        if len(self.stamp) and len(stamp) and stamp[0] < self.stamp[-1] - NANOSECONDS:
-            self.stamp, self.values = self.stamp[:0], self.values[:0]
-        if len(self.stamp):
-            width = max(values.shape[1], self.values.shape[1])
-            stamp = np.concatenate([self.stamp, stamp])
-            values = np.vstack([_wide(self.values, width), _wide(values, width)])
-        order = np.argsort(stamp, kind="stable") if np.any(np.diff(stamp) < 0) else slice(None)
-        self.stamp, self.values = stamp[order], values[order]
-        if keep is not None:
-            self.stamp, self.values = self.stamp[-keep:], self.values[-keep:]
-
-    def at(self, stamp: Stamps, age: float, column: int = 0) -> Array:
-        """Last value (n,) at or before each stamp, not older than ``age`` [s]; else NaN."""
-        if column >= self.values.shape[1]:
-            return np.full(len(stamp), np.nan)
-        return _last(self.stamp, self.values[:, column], stamp, age)
-
-    def number_at(self, stamp: Stamps, age: float, column: int) -> Array:
-        """The same of the last number in a column: each of several senders knows its own."""
-        if column >= self.values.shape[1]:
-            return np.full(len(stamp), np.nan)
-        known = np.isfinite(self.values[:, column])
-        return _last(self.stamp[known], self.values[known, column], stamp, age)
-
-
-def _last(held: Stamps, values: Array, stamp: Stamps, age: float) -> Array:
-    rows = np.searchsorted(held, stamp, side="right") - 1
-    found = np.full(len(stamp), np.nan)
-    if len(held):
-        near = (rows >= 0) & (stamp - held[np.maximum(rows, 0)] <= age * NANOSECONDS)
-        found[near] = values[rows[near]]
-    return found
-
-
-def _usable(reading: Reading, descent: Held) -> Stamps:
-    """Stamps at which all that is needed is a number, of positions those with a fix, or of which nobody says.
-
-    None of a velocity that lacks the vertical part of most, by ``descent`` too.
-    """
-    rows = np.all(np.isfinite(reading.values[:, : NEEDED.get(reading.quantity, 0)]), axis=1)
-    if reading.quantity is Quantity.POSITION:
-        rows = np.all(np.isfinite(reading.values[:, :2]), axis=1) & (reading.values[:, FIX_STATUS] != NO_FIX)
-    if reading.quantity is Quantity.VELOCITY:
-        whole = np.isfinite(_with_vertical(reading, descent)).all(axis=1)
-        rows &= 2 * whole.sum() >= len(reading.stamp)
-    return reading.stamp[rows]
-
-
-def _with_vertical(reading: Reading, descent: Held) -> Array:
-    """Velocity NED (n, 3) [m/s] of a reading, its vertical part where it has none by what was held just before."""
-    velocity = reading.values.copy()
-    without = np.isnan(velocity[:, 2])
-    velocity[without, 2] = descent.at(reading.stamp[without], _DESCENT_AGE)
-    return velocity
-
-
-def _wide(values: Array, width: int) -> Array:
-    if values.shape[1] == width:
-        return values
-    return np.pad(values, ((0, 0), (0, width - values.shape[1])), constant_values=np.nan)
-
-
-def check_sources(table: Table, mapping: ServoMapping, path: str | Path) -> None:
-    """Raises InputError, with the name of the calibration file, for a source that a table does not have."""
-    try:
-        Assembler(table, mapping)
-    except InputError as error:
-        raise InputError(f"{path}: {error}") from None
-
-
 class Assembler:
     """Makes messages of our topics from readings of one table's sources.
 
@@ -203,16 +113,7 @@ class Assembler:
 
     def __init__(self, table: Table, mapping: ServoMapping | None = None) -> None:
         self.mapping = mapping or ServoMapping()
-        self._ranks = {quantity: rank(table, quantity) for quantity in Quantity}
-        if self.mapping.filtered_velocity:
-            names = self._ranks[Quantity.VELOCITY]
-            self._ranks[Quantity.VELOCITY] = tuple(sorted(names, key=lambda name: name != OWN_POSITION))
-        named = self._named_source(table)
-        if named is not None:
-            self._ranks[Quantity.AIRSPEED] = (named,)
-        # pressures only by name: their zero is whatever the autopilot took it to be
-        self._ranks[Quantity.IMPACT_PRESSURE] = (named,) if named in self._ranks[Quantity.IMPACT_PRESSURE] else ()
-        self._active: dict[Quantity, tuple[str, int]] = {}
+        self.sources = Sources(table, self.mapping)
         self._held = {quantity: Held() for quantity in Quantity}
         self._named: dict[str, Held] = {target: Held() for target in self.mapping.named_values.values()}
         self._told: dict[Quantity, Array] = {}  # the newest that went out, and that was held
@@ -237,93 +138,12 @@ class Assembler:
             f"{self._outputs_of[other]} has {came}: give {names[2]} in place of {names[1]}"
         )
 
-    # -- which source ----------------------------------------------------------------------------------------
-
-    def _named_source(self, table: Table) -> str | None:
-        """The source of airspeed that the calibration file names, as the table has it.
-
-        Raises InputError for none, and for an offset [m/s] of one that is a pressure.
-        """
-        named = self.mapping.airspeed_source
-        if named is None or named.lower() == NO_AIRSPEED:
-            return named
-        known = (*rank(table, Quantity.AIRSPEED), *rank(table, Quantity.IMPACT_PRESSURE))
-        found = next((name for name in known if name.lower() == named.lower()), None)
-        if found is None:
-            raise InputError(
-                f"source: {named} of airspeed in the calibration file is not one of a log or link of this kind, which "
-                f"may have {', '.join(known)}: name one of these, {NO_AIRSPEED}, or leave it out for the best that is "
-                "there"
-            )
-        if self.mapping.airspeed_offset and found not in rank(table, Quantity.AIRSPEED):
-            raise InputError(
-                f"offset of airspeed in the calibration file is a speed, and {found} measures a pressure: leave the "
-                "offset out, or name a source of airspeed"
-            )
-        return found
-
-    @property
-    def _corrects_airspeed(self) -> bool:
-        """Whether the calibration file has numbers for an airspeed: they are for the one that is preferred live."""
-        mapping = self.mapping
-        return (mapping.airspeed_meaning, mapping.airspeed_scale, mapping.airspeed_offset) != (None, 1.0, 0.0)
+    # -- in and out ------------------------------------------------------------------------------------------
 
     def choose(self, readings: Sequence[Reading]) -> None:
-        """A whole log is at hand: of each quantity the best source of it that says something, throughout.
-
-        Not one that does for less than half as long as another. But for positions: where a receiver has no fix, what
-        its autopilot makes of that is dead reckoning.
-        """
+        """A whole log is at hand: its sources are chosen, and all of its values are kept."""
         self._keep = None
-        descent = self._descent_of(readings)
-        usable: dict[tuple[Quantity, str], Stamps] = {}
-        for reading in readings:
-            key = reading.quantity, reading.source
-            usable[key] = np.append(usable.get(key, np.empty(0, np.int64)), _usable(reading, descent))
-        count = {key: len(stamp) for key, stamp in usable.items()}
-        seconds = {key: len(np.unique(stamp // NANOSECONDS)) for key, stamp in usable.items()}
-        for quantity, order in self._ranks.items():
-            there = [name for name in order if (quantity, name) in usable]
-            if quantity is not Quantity.POSITION:
-                longest = max((seconds[quantity, name] for name in there), default=0)
-                there = [
-                    *(name for name in there if 2 * seconds[quantity, name] >= longest),
-                    *(name for name in there if 2 * seconds[quantity, name] < longest),
-                ]
-            best = there[:1]
-            is_free = quantity is not Quantity.AIRSPEED or not self._corrects_airspeed
-            for name in there[1:] if is_free else ():
-                if {name, *best} in ALIKE and count[quantity, name] > CLEARLY_MORE * count[quantity, best[0]]:
-                    best = [name]
-            self._ranks[quantity] = tuple(best)
-
-    def _descent_of(self, readings: Iterable[Reading]) -> Held:
-        """The down velocity of the best source that a log has."""
-        held = {name: Held() for name in self._ranks[Quantity.DESCENT]}
-        for reading in readings:
-            if reading.quantity is Quantity.DESCENT:
-                held[reading.source].add(reading.stamp, reading.values, None)
-        return next((each for each in held.values() if len(each.stamp)), Held())
-
-    def source(self, quantity: Quantity) -> str | None:
-        """The source that counts now."""
-        chosen = self._active.get(quantity)
-        return None if chosen is None else chosen[0]
-
-    def counts(self, reading: Reading) -> bool:
-        """Whether the reading's source is the one that counts: the best that has not been silent."""
-        order = self._ranks[reading.quantity]
-        if reading.source not in order:
-            return False
-        newest = int(reading.stamp[-1])
-        active, heard = self._active.get(reading.quantity, (reading.source, newest))
-        is_better = order.index(reading.source) <= order.index(active)
-        if is_better or not -SILENCE <= (newest - heard) / NANOSECONDS <= SILENCE:
-            self._active[reading.quantity] = (reading.source, newest)
-            return True
-        return False
-
-    # -- in and out ------------------------------------------------------------------------------------------
+        self.sources.choose(readings)
 
     def take(self, readings: Iterable[Reading]) -> list[Output]:
         """Note and assemble what one live message reported."""
@@ -336,7 +156,7 @@ class Assembler:
         """Not a velocity whose vertical part nobody knows: that is no sign of life of its source."""
         if reading.quantity is not Quantity.VELOCITY:
             return True
-        return bool(np.isfinite(_with_vertical(reading, self._held[Quantity.DESCENT])).all(axis=1).any())
+        return bool(np.isfinite(with_vertical(reading, self._held[Quantity.DESCENT])).all(axis=1).any())
 
     def note(self, reading: Reading) -> bool:
         """Remember a reading for others that need it; whether it counts."""
@@ -346,7 +166,7 @@ class Assembler:
                 return False
             self._named[target].add(reading.stamp, reading.values, self._keep)
             return target in ("angle_of_attack", "sideslip")
-        if not self.counts(reading):
+        if not self.sources.counts(reading):
             return False
         if reading.quantity in _OF_SPEED:  # what was told before is no sign of life
             rows = self._news(reading, self._noted)
@@ -435,9 +255,9 @@ class Assembler:
         return Output("gps/fix", reading.stamp, fields, reading.source)
 
     def _velocity(self, reading: Reading) -> Output:
-        velocity, source = _with_vertical(reading, self._held[Quantity.DESCENT]), reading.source
+        velocity, source = with_vertical(reading, self._held[Quantity.DESCENT]), reading.source
         if np.isnan(reading.values[:, 2]).any():
-            vertical = self.source(Quantity.DESCENT)
+            vertical = self.sources.source(Quantity.DESCENT)
             source += f", vertical of {vertical}" if vertical else ""
         rows = np.all(np.isfinite(velocity), axis=1)
         if reading.source == OWN_POSITION:  # without a fix the autopilot's filter is dead reckoning
@@ -526,7 +346,7 @@ class Assembler:
             return np.column_stack([reading.values, *told])
         if not any(number in MOTORS for number in numbers):
             return reading.values
-        values = _wide(reading.values, MOTORS[-1])
+        values = wide(reading.values, MOTORS[-1])
         held = self._held[Quantity.MOTORS]
         values[:, MOTORS[0] - 1 :] = np.stack(
             [held.at(reading.stamp, _MOTOR_AGE, column) for column in range(len(MOTORS))], axis=1

@@ -76,7 +76,7 @@ def _beside_others(assembler: Assembler, topics: Sequence[ImportedTopic]) -> set
     }  # fmt: skip
     found = set[str]()
     for quantity, (topic, name) in along.items():
-        fields, source = there.get(topic, {}), assembler.source(quantity)
+        fields, source = there.get(topic, {}), assembler.sources.source(quantity)
         values = np.asarray(fields.get(name, 0.0) if fields else np.nan, dtype=np.float64)
         if source is not None and np.isfinite(values).any():
             found.add(_source_name(source))

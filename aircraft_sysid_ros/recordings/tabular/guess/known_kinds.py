@@ -8,10 +8,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from aircraft_sysid_ros.mavlink.assembler import ALIKE
 from aircraft_sysid_ros.mavlink.px4_table import AIRSPEED_SOURCES, TIMES
 from aircraft_sysid_ros.mavlink.quantities import FIX_3D, first_of_most
 from aircraft_sysid_ros.mavlink.servo_mapping import ServoMapping
+from aircraft_sysid_ros.mavlink.sources import ALIKE
 from aircraft_sysid_ros.recordings.tabular.column_expression import parse_column_expression
 from aircraft_sysid_ros.recordings.tabular.guess.known_line import KnownLine
 from aircraft_sysid_ros.recordings.tabular.guess.quaternions import euler_expressions
