@@ -112,7 +112,8 @@ def flight_notes(state: StateEstimator, parameters: Identifier) -> list[str]:
             share = counts[what] / max(counts["received"], 1)
             if share > 0.01 and not (what == "wrong_stamp" and ahead and kind.startswith("gps")):
                 found.append(f"{100 * share:.0f} % of the {kind} samples were {what.replace('_', ' ')}")
-    found += filter(None, [ahead, state.order.counts.ahead_in_words, state.order.counts.repeated_in_words])
+    order, mass = state.order.counts, parameters.stream.controls.mass_in_words
+    found += filter(None, [ahead, order.ahead_in_words, order.repeated_in_words, mass])
     if state.order.counts.restarts:
         times = state.order.counts.restarts
         found.append(f"the clock leapt {'once' if times == 1 else f'{times} times'}")

@@ -115,11 +115,12 @@ class Identifier:
     def push_samples(self, samples: Samples, epoch: int | None, due: npt.NDArray[np.int64] | None = None) -> None:
         """Take controls, heights and mass properties, and what the estimator asks for.
 
-        ``epoch`` is that of the states; None while no state has come: the samples then wait for it. ``due`` (n,) [ns]
-        is the newest time of states that could have come before each sample, where samples come in blocks.
+        ``epoch`` is that of the states; None while no state has come: the samples then wait for it, and so do those
+        that come by themselves and are far ahead. ``due`` (n,) [ns] is the newest time of states that could have come
+        before each sample, where samples come in blocks.
         """
-        if epoch is None:
-            self.stream.wait_for_states(samples, whole=self.learning.lends)
+        if epoch is None or (due is None and self.stream.are_early(samples, epoch)):
+            self.stream.wait_for_states(samples, whole=epoch is not None or self.learning.lends)
             return
         self.learning.push_samples(samples, epoch)
         self.stream.controls.add(samples, epoch, due)
@@ -140,13 +141,12 @@ class Identifier:
         """Take states (n, StateField.WIDTH) in order of time; returns new samples (m, CoefficientSample.TERMS + …)."""
         if not len(rows):
             return self._no_samples()
-        if epoch is not None:
-            for early in self.stream.early_samples():
-                self.push_samples(early, epoch)
         parts = one_clock(rows, LARGEST_LEAP)
         if len(parts) > 1:
             return np.vstack([self.push_states(part, epoch) for part in parts])
         begin = float(rows[0, StateField.TIME])
+        if epoch is not None:
+            self._take_early(rows, epoch)
         before = self.restart_clock() if self.stream.has_passed(begin) else self._no_samples()
         if self._before is not None:
             self.learning.move_times(min(begin - self._before, 0.0))  # ahead, and so much may have passed
@@ -154,6 +154,15 @@ class Identifier:
         self.learning.constants.note(rows)
         samples = self._process_until(self.stream.add_states(rows))
         return np.vstack([before, samples]) if len(before) else samples
+
+    def _take_early(self, rows: Array, epoch: int) -> None:
+        """Samples that have waited for states such as these."""
+        if self.stream.newest is not None and rows[0, StateField.TIME] <= self.stream.newest:
+            self.stream.forget_early()
+        early = self.stream.due_samples(float(rows[-1, StateField.TIME]), epoch)
+        if len(early):
+            self.learning.push_samples(early, epoch)
+            self.stream.controls.add(early, epoch)
 
     def flush(self) -> Array:
         """Process the states that wait for controls, at the end of a recording."""

@@ -197,7 +197,8 @@ class ParameterEstimatorNode(EstimatorNode):
             **self.estimator.learning.changes.summary(),
             **self.estimator.learning.integrity.summary(),
         }
-        return self._waits_for(parameters), values
+        words = (self._waits_for(parameters), self.estimator.stream.controls.mass_in_words)
+        return "; ".join(filter(None, words)), values
 
     def _waits_for(self, parameters: Sequence[ParameterEstimate]) -> str:
         """What it waits for, or why nothing of it is to use, in words; empty while it learns."""

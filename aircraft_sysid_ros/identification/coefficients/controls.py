@@ -34,8 +34,6 @@ from aircraft_sysid_ros.stamps import seconds
 Array = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]
 
-#: Batches that wait for the first state; older ones are from before it.
-MOST_EARLY = 10_000
 #: Late samples of a kind that are kept, in case the clock started over and the states have yet to say so.
 _MOST_BEHIND = 1000
 #: Longest time [s] to a sample that a straight line is drawn to, however long is waited for it.
@@ -64,7 +62,8 @@ class ControlHistory:
         self._signs = np.array([*(aircraft.surface_signs[s] for s in SURFACES), 1.0, 1.0, 1.0])
         self._noise = np.full(CONTROL_COUNT, np.inf)  # one sigma of the surfaces; what else moves is slow
         self._noise[: len(SURFACES)] = aircraft.sensors["control_surfaces"].noise[0]
-        self._masses: list[tuple[float, Array]] = []
+        self._masses: list[tuple[float, float, Array]] = []  # from when on each counts [s], its own time [s], values
+        self._mass_counts = False  # one that was said
         self.ground = Ground(aircraft)
         self.body = body_of(aircraft)
         self.late = 0
@@ -81,6 +80,11 @@ class ControlHistory:
         behind = self._behind
         known = self.used_until if np.isfinite(self.used_until) else np.inf  # before any was used nothing is far ahead
         ahead = {kind: _after(series, known + _FAR_AHEAD) for kind, series in self._series.items()}
+        self._masses = [
+            (time if time < since or time > known + _FAR_AHEAD else -np.inf, time, values)
+            for since, time, values in self._masses
+        ]
+        self._masses.sort(key=lambda item: item[0])
         self._series = {
             Kind.CONTROLS: (np.empty(0), np.empty((0, CONTROL_COUNT))),
             Kind.INPUTS: (np.empty(0), np.empty((0, MOST_INPUTS))),
@@ -120,7 +124,7 @@ class ControlHistory:
                 self._insert(kind, times[chosen], values[chosen], used)
         for i in np.flatnonzero(samples.kind == Kind.MASS):  # one that comes late counts from then on
             before = -np.inf if due is None else float(seconds(due[i : i + 1], epoch)[0]) - self.settle
-            self._masses.append((max(float(times[i]), before, self.used_until), values[i]))
+            self._masses.append((max(float(times[i]), before, self.used_until), float(times[i]), values[i]))
             self._masses.sort(key=lambda item: item[0])
 
     def _note_absurd(self, times: Array, absurd: npt.NDArray[np.bool_]) -> None:
@@ -141,6 +145,17 @@ class ControlHistory:
             for column, since in sorted(self._misread.items())
             if time >= since and (unit := "rad" if column < len(SURFACES) else "SI units")
         ]
+
+    @property
+    def mass_in_words(self) -> str:
+        """That no mass that was said counts, since its stamp is far ahead of the states; empty: not so."""
+        ahead = self._masses[0][0] - self.used_until if self._masses else 0.0
+        if self._mass_counts or not _FAR_AHEAD < ahead < np.inf:
+            return ""
+        return (
+            f"the mass is that of the aircraft file: the one that was said is stamped {ahead:.3g} s ahead of the "
+            "states, and counts from then on: stamp all by one clock"
+        )
 
     @property
     def _between(self) -> float:
@@ -225,7 +240,8 @@ class ControlHistory:
     def parts_of_one_mass(self, rows: Array) -> Iterator[tuple[Array, Body]]:
         """States split where mass properties change, each part with its body."""
         while self._masses and self._masses[0][0] <= rows[-1, StateField.TIME]:
-            time, values = self._masses.pop(0)
+            time, _, values = self._masses.pop(0)
+            self._mass_counts = True
             at = int(np.searchsorted(rows[:, StateField.TIME], time))
             if at:
                 yield rows[:at], self.body

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Iterator
 from typing import Any
 
@@ -13,7 +12,7 @@ from aircraft_sysid_ros.aircraft.configuration import Aircraft
 from aircraft_sysid_ros.aircraft.postfix import evaluate_term_rows
 from aircraft_sysid_ros.aircraft.term_values import Memory, link
 from aircraft_sysid_ros.identification.coefficients.body import force_noise
-from aircraft_sysid_ros.identification.coefficients.controls import MOST_EARLY, ControlHistory
+from aircraft_sysid_ros.identification.coefficients.controls import ControlHistory
 from aircraft_sysid_ros.identification.coefficients.evaluation import evaluate_windows, fill_history, fill_lag_noise
 from aircraft_sysid_ros.identification.coefficients.flow_angles import VANES, FlowAngles, angles_of_filter
 from aircraft_sysid_ros.identification.coefficients.layout import (
@@ -29,10 +28,12 @@ from aircraft_sysid_ros.identification.coefficients.layout import (
 )
 from aircraft_sysid_ros.identification.coefficients.pace import BRIDGED_GAP, Pace
 from aircraft_sysid_ros.identification.coefficients.signals import sensor_noise
+from aircraft_sysid_ros.identification.coefficients.waiting import WaitingSamples
 from aircraft_sysid_ros.identification.options import ParameterOptions
 from aircraft_sysid_ros.reconstruction.ordering import LARGEST_LEAP as _LARGEST_LEAP_OF_IMU
 from aircraft_sysid_ros.reconstruction.state import StateField
 from aircraft_sysid_ros.samples import Kind, Samples
+from aircraft_sysid_ros.stamps import nanoseconds
 
 Array = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]
@@ -41,6 +42,8 @@ Integers = npt.NDArray[np.int64]
 _MARGIN = 0.5
 #: States that leap further ahead than this [s] are by a clock that was set.
 LARGEST_LEAP = 1e-9 * _LARGEST_LEAP_OF_IMU
+#: Samples so far [s] ahead of the states wait: where these have stopped, or by a clock of their own.
+EARLY = 10.0
 #: [s] by which times that are equal may differ.
 _ROUNDING = 1e-6
 _OWN_KINDS = [int(kind) for kind in (Kind.CONTROLS, Kind.HEIGHT, Kind.MASS, Kind.INPUTS, *(kind for kind, _ in VANES))]
@@ -52,7 +55,7 @@ class CoefficientStream:
     def __init__(self, aircraft: Aircraft, options: ParameterOptions) -> None:
         self._aircraft = aircraft
         self._sensor_noise = sensor_noise(aircraft)
-        self._early: deque[Samples] = deque(maxlen=MOST_EARLY)
+        self._early = WaitingSamples()
         self.controls = ControlHistory(aircraft, options.settle)
         self.pace = Pace()  # of the states
         self._angles = FlowAngles(aircraft, self.controls.body.gravity)
@@ -111,6 +114,10 @@ class CoefficientStream:
         """The next states are those of another manoeuvre by the same clock, however much later."""
         self._newest = None
 
+    def forget_early(self) -> None:
+        """The clock goes back: what is ahead was by the one before."""
+        self._early.forget()
+
     def begin_flight(self) -> None:
         """Another flight begins, by the same clock."""
         self._angles.begin_flight()
@@ -125,13 +132,18 @@ class CoefficientStream:
     # -- what comes in ------------------------------------------------------------------------------------------------
 
     def wait_for_states(self, samples: Samples, *, whole: bool) -> None:
-        """Samples from before the first state; the ``whole`` of them, or what this stream needs."""
-        self._early.append(samples if whole else samples[np.isin(samples.kind, _OWN_KINDS)])
+        """Samples that are early for the states; the ``whole`` of them, or what this stream needs."""
+        self._early.add(samples if whole else samples[np.isin(samples.kind, _OWN_KINDS)])
 
-    def early_samples(self) -> Iterator[Samples]:
-        """What has waited for the first state, in order, once."""
-        while self._early:
-            yield self._early.popleft()
+    def are_early(self, samples: Samples, epoch: int) -> bool:
+        """Whether all samples are far ahead of the states. Masses are not: the controls know those that are to come."""
+        if self._newest is None or not len(samples) or np.any(samples.kind == Kind.MASS):
+            return False
+        return int(samples.stamp.min()) > int(nanoseconds(np.array(self._newest + EARLY), epoch))
+
+    def due_samples(self, time: float, epoch: int) -> Samples:
+        """Of what has waited, what is not early for states up to ``time`` [s]."""
+        return self._early.take(int(nanoseconds(np.array(time + EARLY), epoch)))
 
     def has_passed(self, time: float) -> bool:
         """Whether a state of this time [s] cannot follow those that have come: its clock is another one."""
