@@ -34,7 +34,7 @@ import numpy.typing as npt
 
 from aircraft_sysid_ros.consumer.condition_table import ConditionTable
 from aircraft_sysid_ros.consumer.flown_condition import FlownCondition, in_words
-from aircraft_sysid_ros.consumer.sender import Sender
+from aircraft_sysid_ros.consumer.sender import LEAP, Sender
 from aircraft_sysid_ros.consumer.snapshot import Condition, Snapshot, snapshot_of
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.identification.trust import Trust
@@ -46,7 +46,7 @@ Bools = npt.NDArray[np.bool_]
 
 _NEVER = np.iinfo(np.int64).min
 _NO_PLACE = "the table of flight conditions is not used: the newest message came without a flight condition"
-#: Time [s] between the first question and one after which what none has had is said.
+#: Time [s] of questions after which what none has had is said.
 _EARLY = 5.0
 #: Standard errors of the difference by which a kept value may be off the published one.
 CONTRADICTION = 3.0
@@ -153,7 +153,7 @@ class ParameterSource:
         self._low, self._high = np.full((n, 3), np.nan), np.full((n, 3), np.nan)
         self._value = self._prior.copy()
         self._asked: int | None = None  # stamp [ns] of the newest question
-        self._first_asked: int | None = None  # [ns]
+        self._asked_for = 0.0  # [s] that questions have come for; where their clock leaps it does not count
         self._sender, self._has_place = Sender(), False
         self._flown = FlownCondition(self.rules.longest_gap)
 
@@ -235,7 +235,7 @@ class ParameterSource:
             blend = self.rules.blend_time
             share = 1.0 if blend <= 0.0 else float(-np.expm1(-elapsed / blend))
             self._asked = now
-            self._first_asked = now if self._first_asked is None else self._first_asked
+            self._asked_for += elapsed if elapsed < LEAP else 0.0
             self._value = self._value + share * (target - self._value)
             value = self._value.copy()
             model = "" if self.newest is None else self.newest.model
@@ -245,10 +245,10 @@ class ParameterSource:
     def blind(self) -> str:
         """Which part of the flight condition no question has ever had, in words; empty: none, or it is early yet."""
         with self._lock:
-            asked = 0 if self._asked is None or self._first_asked is None else self._asked - self._first_asked
             needed = (np.isfinite(self._low) | np.isfinite(self._high)).any(axis=0)
             lacking = in_words(self._flown.never & needed)
-        if asked < _EARLY * NANOSECONDS or not lacking:
+            early = self._asked_for < _EARLY
+        if early or not lacking:
             return ""
         return f"no {lacking} in any question so far: what was learnt between limits of it is not LIVE without it"
 

@@ -35,12 +35,12 @@ class Instruments:
         self._stamp = 0
 
     def take_imu(self, rates: Array) -> None:
-        """Angular rates FRD (3,) [rad/s]."""
-        self._rates = rates
+        """Angular rates FRD (3,) [rad/s]; what is no number is not used."""
+        self._rates = rates if np.isfinite(rates).all() else self._rates
 
     def take_attitude(self, quaternion: Array) -> None:
-        """Attitude of the autopilot (4,), body to NED."""
-        self._attitude = quaternion
+        """Attitude of the autopilot (4,), body to NED; what is no number is not used."""
+        self._attitude = quaternion if np.isfinite(quaternion).all() else self._attitude
 
     def take_air_data(self, values: Array, stamp: int) -> None:
         """Airspeed, alpha, beta at the probe, density, static pressure (5,) at a stamp [ns].
@@ -58,7 +58,7 @@ class Instruments:
         altitude = altitude_at(float(values[4]))
         if self._flow is None:
             self._flow, self._ground, self._height = flow, altitude, 0.0
-        elapsed = 1e-9 * (stamp - self._stamp) if self._stamp else 0.0
+        elapsed = 1e-9 * abs(stamp - self._stamp) if self._stamp else 0.0  # back where the clock started over
         self._stamp = stamp
         share = -np.expm1(-elapsed / np.array([_AIRSPEED_LAG, _HEIGHT_LAG]))
         flow[0] = self._flow[0] + share[0] * (flow[0] - self._flow[0])

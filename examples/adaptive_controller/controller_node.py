@@ -92,9 +92,12 @@ class ControllerNode(Node):
 
     @property
     def age_of_parameters(self) -> float:
-        """Time of flight [s] since the stamp of the newest message, or since the first sample if none came."""
+        """Time of flight [s] from the stamp of the newest message, or from the first sample if none came.
+
+        Before it too, where the clock started over: what has come is by another one.
+        """
         since = self._first_stamp if self.source.newest is None else self.source.newest.stamp
-        return 1e-9 * (self._newest_stamp - since)
+        return 1e-9 * abs(self._newest_stamp - since)
 
     def look(self) -> None:
         """Say what has stopped."""
@@ -103,7 +106,7 @@ class ControllerNode(Node):
             self._taken = self.source.taken
             self.messages.heard()
         lacking = self.instruments.lacking
-        if lacking and self._newest_stamp - self._first_stamp > 1e9 * _PATIENCE:
+        if lacking and abs(self._newest_stamp - self._first_stamp) > 1e9 * _PATIENCE:
             text = f"air_data has had no {' and no '.join(lacking)} so far: no commands are sent without"
             self.get_logger().warning(text, throttle_duration_sec=10.0)
         if self._known is None and self.age_of_parameters > SILENCE_OF_PARAMETERS:
@@ -119,12 +122,15 @@ class ControllerNode(Node):
 
     def _on_imu(self, message: Imu) -> None:
         rate, stamp = message.angular_velocity, nanoseconds_of(message)
+        rates = frd_from_flu([rate.x, rate.y, rate.z])
+        if not np.isfinite(rates).all():  # commands from it would be no numbers for ever
+            return
         if not self._first_stamp:
             self._first_stamp = stamp
             self.messages.heard()  # from now on they are waited for
         self._newest_stamp = stamp
         self._imu.heard()
-        self.instruments.take_imu(frd_from_flu([rate.x, rate.y, rate.z]))
+        self.instruments.take_imu(rates)
         seen = self.instruments.seen
         if seen is None:  # the aeroplane keeps its trim until everything has come once
             return

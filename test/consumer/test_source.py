@@ -200,6 +200,15 @@ def test_what_no_question_ever_has_is_said(source, content):
     assert source.blind == ""
 
 
+def test_what_no_question_has_is_said_though_the_clock_of_the_questions_goes_back(source, content):
+    """It was not said until the new clock was past the old one; and at once where the first question had no clock."""
+    source.offer(900 * SECOND, content())
+    for second in (0, *range(900, 903), *range(10, 14)):
+        assert source.blind == "", second
+        source.at(second * SECOND, Condition(17.0, 0.05, np.nan))
+    assert source.blind.startswith("no sideslip in any question so far")
+
+
 def test_live_is_near_the_question_before_and_after_it(content):
     source = ParameterSource(PRIORS, Rules(silence=3.0, longest_hold=60.0, blend_time=0.0))
     source.offer(1000 * SECOND, content())

@@ -142,6 +142,22 @@ def test_instruments_put_air_data_together_that_come_in_parts(aircraft):
     assert instruments.condition(3 * second + 1) == pytest.approx((17.0, 0.06, 0.02))
 
 
+@pytest.mark.filterwarnings("error")
+def test_a_clock_that_goes_back_and_what_is_no_number_leave_the_instruments_as_they_are(aircraft):
+    """Airspeed and height were NaN for ever after it, and so was every command."""
+    instruments = Instruments(aircraft)
+    instruments.take_imu(np.zeros(3))
+    instruments.take_attitude(np.array([1.0, 0.0, 0.0, 0.0]))
+    for second, airspeed in ((1000.0, 17.0), (1000.02, 17.0), (5.0, 16.0), (5.02, 16.0)):
+        instruments.take_air_data(np.array([airspeed, 0.05, 0.0, 1.2, pressure(400.0)]), int(second * 1e9))
+        assert instruments.seen.airspeed == pytest.approx(airspeed)
+        assert instruments.seen.height == pytest.approx(0.0, abs=1e-6)
+    before = instruments.seen
+    instruments.take_imu(np.full(3, np.nan))
+    instruments.take_attitude(np.full(4, np.nan))
+    assert instruments.seen == before
+
+
 @pytest.mark.long
 def test_task_and_excitation_are_what_they_are_said_to_be():
     task = Task(3, 75.0, 17.0)

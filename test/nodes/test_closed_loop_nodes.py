@@ -184,5 +184,7 @@ def test_a_controller_says_that_parameters_and_samples_have_stopped(bench, monke
     assert node.age_of_parameters > 0.6
     log = capfd.readouterr().err
     assert "no parameters for 0." in log and "no IMU samples" not in log
-    bench.spin_until(lambda: node._imu.is_silent)
+    broken = controller_node.Imu()
+    broken.angular_velocity.x = float("nan")
+    bench.say_until(lambda: sender.publish(broken), lambda: node._imu.is_silent)  # no number is no sample
     assert "no IMU samples for 1." in capfd.readouterr().err
