@@ -550,6 +550,8 @@ class StateEstimator:
         self.memory.imu[0], self.memory.imu[1:7] = time, imu[:6]
         self.memory.imu_before[:] = -np.inf
         self.memory.shown_since[:] = time
+        if not self.memory.motion.any():
+            self.memory.motion[0] = imu[:6]  # its weight is no motion
         self.memory.last_fused[:] = time  # a sensor is lost only after it was given the time to speak
         self.memory.last_rejected[:] = self.memory.assumed[:] = -np.inf
         self._aligned = self._has_biases = True
