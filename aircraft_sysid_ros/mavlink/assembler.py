@@ -276,7 +276,12 @@ class Assembler:
         return pressure, temperature
 
     def _has_airspeed_sensor(self, stamp: Stamps) -> npt.NDArray[np.bool_]:
-        """Where it says that it has none, or none that is healthy, what it calls airspeed is an estimate."""
+        """Where it says that it has none, or none that is healthy, what it calls airspeed is an estimate.
+
+        But for AIRSPEED, which tells of each sensor how it is: SYS_STATUS tells that one of them is not healthy.
+        """
+        if self.sources.source(Quantity.AIRSPEED) == "AIRSPEED":
+            return np.ones(len(stamp), np.bool_)
         there = self._held[Quantity.AIRSPEED_SENSOR].at(stamp, _SENSOR_AGE)
         return np.asarray(there != 0.0)
 

@@ -193,7 +193,9 @@ def test_an_airspeed_of_a_sensor_that_is_not_healthy_is_none():
         assert len([o for o in made if o.topic == "air_data"]) == count
     flags = dialect.AIRSPEED_SENSOR_UNHEALTHY | dialect.AIRSPEED_SENSOR_USING
     assert not readings(dialect.MAVLink_airspeed_message(0, 20.0, 0, 0, flags))
-    assert readings(dialect.MAVLink_airspeed_message(0, 20.0, 0, 0, dialect.AIRSPEED_SENSOR_USING))
+    healthy = dialect.MAVLink_airspeed_message(0, 23.0, 0, 0, dialect.AIRSPEED_SENSOR_USING)
+    (made,) = outputs(assembler, healthy)  # SYS_STATUS is of all sensors, and another one has failed
+    assert made.source.startswith("AIRSPEED") and len(made.stamp) == 1
 
 
 @pytest.mark.parametrize(("topic", "angle"), [("airflow_aoa", "aoa_rad"), ("airflow_slip", "slip_rad")])
