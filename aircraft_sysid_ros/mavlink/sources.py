@@ -68,25 +68,25 @@ class Sources:
         """A whole log is at hand: of each quantity the best source of it that says something, throughout.
 
         Not one that does for less than half as long as another. But for positions: where a receiver has no fix, what
-        its autopilot makes of that is dead reckoning.
+        its autopilot makes of that is dead reckoning. And for an airspeed for which the calibration file has numbers.
         """
         descent = self._descent_of(readings)
         usable: dict[tuple[Quantity, str], Stamps] = {}
         for reading in readings:
             key = reading.quantity, reading.source
             usable[key] = np.append(usable.get(key, np.empty(0, np.int64)), _usable(reading, descent))
+        own, fixes = (Quantity.VELOCITY, OWN_POSITION), _fixes(usable)
+        if own in usable and len(fixes):
+            usable[own] = usable[own][np.isin(usable[own] // NANOSECONDS, fixes // NANOSECONDS)]
         count = {key: len(stamp) for key, stamp in usable.items()}
         seconds = {key: len(np.unique(stamp // NANOSECONDS)) for key, stamp in usable.items()}
         for quantity, order in self._ranks.items():
             there = [name for name in order if (quantity, name) in usable]
-            if quantity is not Quantity.POSITION:
-                longest = max((seconds[quantity, name] for name in there), default=0)
-                there = [
-                    *(name for name in there if 2 * seconds[quantity, name] >= longest),
-                    *(name for name in there if 2 * seconds[quantity, name] < longest),
-                ]
-            best = there[:1]
             is_free = quantity is not Quantity.AIRSPEED or not self._corrects_airspeed
+            if quantity is not Quantity.POSITION:
+                longest = max((seconds[quantity, name] for name in there), default=0) if is_free else 1
+                there.sort(key=lambda name: 2 * seconds[quantity, name] < longest)
+            best = there[:1]
             for name in there[1:] if is_free else ():
                 if {name, *best} in ALIKE and count[quantity, name] > CLEARLY_MORE * count[quantity, best[0]]:
                     best = [name]
@@ -149,6 +149,14 @@ def _named_airspeed(table: Table, mapping: ServoMapping) -> str | None:
             "offset out, or name a source of airspeed"
         )
     return found
+
+
+def _fixes(usable: dict[tuple[Quantity, str], Stamps]) -> Stamps:
+    """Stamps at which a receiver has a fix."""
+    of_each = [
+        stamp for (quantity, name), stamp in usable.items() if quantity is Quantity.POSITION and name != OWN_POSITION
+    ]
+    return np.concatenate(of_each) if of_each else np.empty(0, np.int64)
 
 
 def _usable(reading: Reading, descent: Held) -> Stamps:

@@ -400,6 +400,25 @@ def test_a_source_that_was_there_for_a_moment_does_not_hide_that_of_the_whole_fl
         assert (made.source, len(made.stamp)) == (source, 200)
 
 
+def test_a_receiver_that_waits_long_for_its_fix_gives_the_velocity_of_the_flight():
+    """Its autopilot's filter tells a velocity throughout: that of the time without a fix says nothing for it."""
+    place, without, since = [0.8, -1.6, 300.0, 1.0, 1.0, 4.0, 0.0], [np.nan] * 6 + [-1.0], 60
+    fix = reading(Quantity.POSITION, "GPS_RAW_INT", 5.0, place)
+    fix.values[:since] = without
+    velocity = reading(Quantity.VELOCITY, "GPS_RAW_INT", 5.0, [15.0, 0.0, np.nan])
+    velocity = replace(velocity, stamp=velocity.stamp[since:], values=velocity.values[since:])
+    own = [
+        reading(quantity, "GLOBAL_POSITION_INT", 5.0, values)
+        for quantity, values in ((Quantity.VELOCITY, [14.0, 0.0, 1.0]), (Quantity.DESCENT, [1.0]))
+    ]
+    made, _ = assembled([fix, velocity, *own], MAVLINK, servo_mapping_from_dict({}))
+    (found,) = (output for output in made if output.topic == "gps/vel")
+    assert (found.source, len(found.stamp)) == ("GPS_RAW_INT, vertical of GLOBAL_POSITION_INT", 100 - since)
+    made, _ = assembled([velocity, *own], MAVLINK, servo_mapping_from_dict({}))  # of fixes nobody says anything
+    (found,) = (output for output in made if output.topic == "gps/vel")
+    assert (found.source, len(found.stamp)) == ("GLOBAL_POSITION_INT", 100)
+
+
 def test_outputs_beyond_16_come_in_messages_of_their_own():
     """The calibration file took their numbers, and nothing read them."""
     surface = {"us": [1000, 2000], "rad": [-0.4, 0.4]}
@@ -419,8 +438,10 @@ def test_a_correction_of_the_airspeed_is_for_the_one_that_counts_live(correction
     rates = {"airspeed": 1.0, "airspeed_validated": 5.0}
     readings = [reading(Quantity.POSITION, "sensor_gps", 5.0, [0.8, -1.6, 300.0, 1.0, 1.0, 4.0, 0.0])]
     readings += [reading(Quantity.AIRSPEED, source, rate, [20.0]) for source, rate in rates.items()]
-    made, _ = assembled(readings, PX4, servo_mapping_from_dict({"airspeed": correction}))
-    assert [(o.source, len(o.stamp)) for o in made if o.topic == "air_data"] == [("airspeed (indicated)", 20)]
+    for count in (20, 8):  # and on another one where the log has this for less than half as long
+        readings[1] = replace(readings[1], stamp=readings[1].stamp[:count], values=readings[1].values[:count])
+        made, _ = assembled(readings, PX4, servo_mapping_from_dict({"airspeed": correction}))
+        assert [(o.source, len(o.stamp)) for o in made if o.topic == "air_data"] == [("airspeed (indicated)", count)]
 
 
 def test_a_log_without_any_fix_has_no_dead_reckoning_in_its_place():
