@@ -56,6 +56,7 @@ class OverviewNode(ConfigurableNode):
         super().__init__("overview", OPTIONS, **arguments)
         self._leaves: dict[str, tuple[float, list[Leaf]]] = {}  # by topic or node: when it came, and what it says
         self._counts: dict[str, str] = {}  # of the samples, at the newest diagnostics of the first step
+        self._found = self._verdict = ""  # on missing effects: in the newest message, and in the newest diagnostics
 
     def configure(self, values: Mapping[str, Any]) -> None:
         """Create publishers."""
@@ -67,6 +68,7 @@ class OverviewNode(ConfigurableNode):
         """Listen, and sum up once a second."""
         self._leaves.clear()
         self._counts.clear()
+        self._found = self._verdict = ""
         self._began = time.monotonic()
         newest = common.newest_quality()
         sensor = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
@@ -76,7 +78,7 @@ class OverviewNode(ConfigurableNode):
                 (AircraftState, "state_estimator/state", lambda m: [state_leaf(m)], sensor),
                 (Parameters, "parameter_estimator/parameters", parameter_leaves, newest),
                 (ModelError, "parameter_estimator/model_error", model_leaves, 10),
-                (MissingEffects, MISSING, lambda m: [missing_leaf(m)], newest),
+                (MissingEffects, MISSING, self._on_finding, newest),
             )
         ]
         self._heard.append(self.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 100))
@@ -107,6 +109,10 @@ class OverviewNode(ConfigurableNode):
 
         return keep
 
+    def _on_finding(self, message: MissingEffects) -> list[Leaf]:
+        self._found = message.verdict
+        return [missing_leaf(message)]
+
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         """Statuses of nodes in this namespace; those of the first step count its samples."""
         namespace = self.get_namespace().strip("/")
@@ -119,8 +125,7 @@ class OverviewNode(ConfigurableNode):
             if name == STATE_NODE:
                 leaves += sensor_leaves(values, self._counts)
                 self._counts = values
-            if "missing_effects" in values and MISSING not in self._leaves:
-                leaves.append(Leaf("missing effects", OK, values["missing_effects"]))
+            self._verdict = values.get("missing_effects", self._verdict)
             self._leaves[f"diagnostics of {name}"] = (time.monotonic(), leaves)
 
     def sum_up(self) -> None:
@@ -129,6 +134,8 @@ class OverviewNode(ConfigurableNode):
         absent = EXPECTED if self._began < oldest else ()
         leaves = {leaf.path: leaf for leaf in map(absent_leaf, absent)}
         leaves |= {leaf.path: _aged(leaf, came < oldest) for came, said in self._leaves.values() for leaf in said}
+        if self._verdict not in ("", self._found):  # found for another model, or by a node that was started again
+            leaves["missing effects"] = Leaf("missing effects", OK, self._verdict)
         statuses = [_status(leaf) for leaf in tree(leaves.values(), self._aeroplane)]
         message = common.stamp_of(DiagnosticArray(status=statuses), self.get_clock().now().nanoseconds)
         self._aggregated.publish(message)

@@ -18,6 +18,7 @@ from aircraft_sysid_ros.aircraft.configuration import Aircraft, with_prior
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.identification import model_change
 from aircraft_sysid_ros.identification.coefficients.pace import stamped_behind
+from aircraft_sysid_ros.identification.conditions import CONTROL_SIGNALS
 from aircraft_sysid_ros.identification.identifier import Identifier
 from aircraft_sysid_ros.identification.learning import STALE
 from aircraft_sysid_ros.identification.model_file import in_folder, load_model, save_model
@@ -43,6 +44,8 @@ from aircraft_sysid_ros.stamps import epoch_of, nanoseconds, seconds
 #: Said once before the flight, perhaps: whoever publishes it with transient local durability is heard later, too.
 MASS_TOPIC = "mass_properties"
 INPUTS = ("control_surfaces", "height_above_ground", MASS_TOPIC)
+#: Without any of them nothing is learnt of a model that reads them.
+CONTROLS = ("control_surfaces", INPUTS_TOPIC)
 #: Heard for the vanes; kept by the first step.
 VANES_TOPIC = "air_data"
 #: What an estimator hears besides: the measurements that it predicts, or would if it came to it.
@@ -67,7 +70,7 @@ OPTIONS = node_options(ParameterOptions) | node_options(DiagnosisOptions) | PRIO
 STATES = "state_estimator/state"
 #: Time of flight [s] between messages of parameters and of model error.
 PERIOD = 1.0
-#: Time [s] without states after which whoever made them is said to be silent.
+#: Time [s] without states, or without controls, after which whoever made them is said to be silent.
 SILENT = 5.0
 #: Time [s] from the first state on after which it is worth a word that nothing is to use.
 LONG = 60.0
@@ -79,6 +82,7 @@ class ParameterEstimatorNode(EstimatorNode):
     def __init__(self, **arguments: Any) -> None:
         super().__init__("parameter_estimator", INPUTS, OPTIONS, **arguments)
         self.states_received, self._heard = 0, 0.0
+        self._controls_came = 0.0  # [s] the newest of them, or the activation
         self.hears_states = True  # False before it is activated: a node of this process gives them to `take_states`
         self.on_points: Callable[[Any], None] | None = None  # `live --out` keeps both for the run folder
         self.on_parameters: Callable[[Any, Any], None] | None = None
@@ -126,6 +130,7 @@ class ParameterEstimatorNode(EstimatorNode):
 
     def activate(self) -> None:
         """Listen to the first step too."""
+        self._controls_came = time.monotonic()
         if self.hears_states:
             self.hear(AircraftState, STATES, self._on_state, common.state_quality())
         self.model_services.start()
@@ -148,6 +153,8 @@ class ParameterEstimatorNode(EstimatorNode):
 
     def take(self, topic: str, message: Any) -> None:
         """One message of controls, height or mass, or of what the chosen estimator hears besides."""
+        if topic in CONTROLS:
+            self._controls_came = time.monotonic()
         for samples in to_samples(topic, *message_fields(topic, message), self.estimator.aircraft.inputs):
             if self.correction is not None:
                 samples = self.correction.apply(samples)
@@ -164,8 +171,15 @@ class ParameterEstimatorNode(EstimatorNode):
 
     def begin_anew(self) -> None:
         """Forget the parameters; the model and what has been measured of it stay."""
+        now = self.estimator.time
         self.estimator.reset()
+        self._take_back(now)
+
+    def _take_back(self, now: float) -> None:
+        """What was learnt until a time of flight [s] is forgotten: whoever comes later is not given it any more."""
         self.model_services.begin_anew()
+        if np.isfinite(now):
+            self._publish_parameters(now, self.estimator.snapshot())
 
     @property
     def flown(self) -> float:
@@ -197,7 +211,8 @@ class ParameterEstimatorNode(EstimatorNode):
             **self.estimator.learning.changes.summary(),
             **self.estimator.learning.integrity.summary(),
         }
-        words = (self._waits_for(parameters), self.estimator.stream.controls.mass_in_words)
+        mass = self.estimator.stream.controls.mass_in_words
+        words = (self._waits_for(parameters), self._controls_in_words(), mass)
         return "; ".join(filter(None, words)), values
 
     def _waits_for(self, parameters: Sequence[ParameterEstimate]) -> str:
@@ -213,6 +228,22 @@ class ParameterEstimatorNode(EstimatorNode):
         if all(integrity.holds):
             return f"nothing is to use: {integrity.summary()['held']}"
         return self._why_nothing(parameters)
+
+    def _controls_in_words(self) -> str:
+        """That controls, which the model reads, have never come, or come no more; empty: they come, or nothing does."""
+        model, now = self.estimator.model, time.monotonic()
+        heard = [each for each in self.inputs if each.topic in CONTROLS]
+        no_states = self.states_received and now - self._heard > SILENT
+        silence = now - self._controls_came
+        if silence <= SILENT or no_states or not heard or not model.signals_used & {*CONTROL_SIGNALS, *model.inputs}:
+            return ""
+        topics = " and ".join(each.subscription.topic_name for each in heard)
+        if any(self.received[topic] for topic in CONTROLS if topic in self.received):
+            return f"no controls for {silence:.0f} s on {topics}, and nothing is learnt without them"
+        words = f"no controls have come on {topics}"
+        if any(self.count_publishers(each.topic) for each in heard):
+            return words
+        return f"{words}, which nobody publishes: check its name and the remaps"
 
     def _why_nothing(self, parameters: Sequence[ParameterEstimate]) -> str:
         """Why nothing is to use though it has learnt for long: what most parameters give as their reason."""
@@ -315,8 +346,9 @@ class ParameterEstimatorNode(EstimatorNode):
     def _on_load(self, request: LoadModel.Request, response: LoadModel.Response) -> LoadModel.Response:
         try:
             path = self._model_path(request.path)
+            now = self.estimator.time
             response.model = load_model(self.estimator, path)
-            self.model_services.begin_anew()  # what is known now is not from these samples
+            self._take_back(now)  # what is known now is not from these samples
             name = self.estimator.learning.published["published"]
             anew = f"; the estimator {name} starts over" if self.estimator.learning.lends else ""
             response.success, response.message = True, f"read from {path}{anew}"

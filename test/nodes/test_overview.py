@@ -105,6 +105,29 @@ def test_the_tree_is_as_bad_as_its_worst_branch_but_a_parameter_grounds_nobody()
     assert tree([], "uav1") == [Leaf("/uav1", STALE, "nothing comes")]
 
 
+def test_what_was_found_counts_until_the_node_says_otherwise(bench):
+    """Of a model that has the effect now, and of a node that was started again, it said "missing: stall" on."""
+    node = OverviewNode()
+    bench.nodes.append(node)
+    trees = []
+    assert start(node)
+    node._aggregated = Said(publish=lambda tree: trees.append({s.name: s for s in tree.status}))
+
+    def summed_up(verdict):
+        value = KeyValue(key="missing_effects", value=verdict)
+        node._on_diagnostics(DiagnosticArray(status=[DiagnosticStatus(name="parameter_estimator", values=[value])]))
+        node.sum_up()
+        leaf = trees[-1]["/aeroplane/missing effects"]
+        return leaf.level[0], leaf.message
+
+    assert summed_up("the first search runs") == (OK, "the first search runs")
+    keep = node._keeper("parameter_estimator/missing_effects", node._on_finding)
+    keep(MissingEffects(verdict="missing", candidates=[EffectCandidate(effect="stall")]))
+    assert summed_up("missing") == (WARN, "missing: stall")
+    assert summed_up("not looked for yet") == (OK, "not looked for yet")
+    assert summed_up("missing") == (WARN, "missing: stall")
+
+
 @pytest.mark.long
 def test_the_node_sums_up_its_own_namespace_alone(bench):
     node = OverviewNode(namespace="/uav1", parameter_overrides=[RosParameter("patience", value=60.0)])

@@ -145,6 +145,23 @@ def test_parameters_without_new_states_are_said_to_be_old(flying, monkeypatch):
 
 
 @pytest.mark.long
+def test_controls_that_come_no_more_are_said(bench, flying, monkeypatch):
+    """The reader of the servos had died in flight, nothing was learnt any more, and /diagnostics was ok."""
+    _, parameters, _, fly = flying
+    fly(0.0, 12.0)
+    later = time.monotonic() + 2.0 * parameter_estimator.SILENT
+    monkeypatch.setattr(parameter_estimator.time, "monotonic", lambda: later)
+    parameters._heard = later  # states come
+    assert parameters.condition()[0] == "no controls for 10 s on /control_surfaces, and nothing is learnt without them"
+    parameters.received["control_surfaces"] = 0
+    assert parameters.condition()[0] == "no controls have come on /control_surfaces"
+    bench.helper.destroy_publisher(bench.publishers.pop("control_surfaces"))
+    bench.spin_until(lambda: "which nobody publishes: check its name" in parameters.condition()[0], 20.0)
+    parameters._heard = later - 10.0
+    assert "no states for 10 s" in parameters.condition()[0] and "controls" not in parameters.condition()[0]
+
+
+@pytest.mark.long
 def test_that_nothing_is_to_use_for_long_is_said_with_the_reason_of_most(flying, monkeypatch):
     """Without vanes all 32 were held for a whole flight, and /diagnostics was ok."""
     _, parameters, _, fly = flying

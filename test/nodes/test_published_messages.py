@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from aircraft_sysid_msgs.msg import AircraftState, ModelError, Parameter, Parameters
+from aircraft_sysid_msgs.srv import Reset
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import TwistWithCovarianceStamped
 from nav_msgs.msg import Odometry
@@ -252,6 +253,17 @@ def test_who_subscribes_later_gets_the_newest_parameters_at_once(flown, bench):
     heard = flown[2]
     late = bench.listen(Parameters, "parameter_estimator/parameters", newest_quality())
     bench.spin_until(lambda: late and stamp(late[-1]) == stamp(heard["parameters"][-1]))
+
+
+@pytest.mark.long
+def test_who_subscribes_after_a_reset_does_not_get_what_is_forgotten(flown, bench):
+    """Until states came it got the parameters of before, to USE."""
+    heard = flown[2]
+    assert {p.status for p in heard["parameters"][-1].parameters} > {Parameter.USE}
+    assert bench.call(Reset, "parameter_estimator/reset").success
+    late = bench.listen(Parameters, "parameter_estimator/parameters", newest_quality())
+    bench.spin_until(lambda: late and all(p.status == Parameter.HOLD for p in late[-1].parameters), 20.0)
+    assert stamp(late[-1]) >= stamp(heard["parameters"][-2]) and np.isnan([p.value for p in late[-1].parameters]).all()
 
 
 @pytest.mark.long
