@@ -183,7 +183,8 @@ def _look_at_interval(
         of_force += np.sum((beyond * bend[0:3]) ** 2) / 3.0
         of_rate += np.sum((beyond * bend[3:6]) ** 2) / 3.0
     elif interval > LONG:
-        hidden = hidden_motion(interval, values, memory)
+        across = hidden_motion(interval, values, memory)
+        hidden = max(hidden[0], across[0]), max(hidden[1], across[1])
     of_force += hidden[0]
     of_rate += hidden[1]
     density[0], density[1] = of_force * interval, of_rate * interval

@@ -133,17 +133,22 @@ def test_a_hole_in_a_dense_imu_leaves_in_doubt_what_it_hides(hole: float, every:
     assert np.mean(ground[late] ** 2) < 2.0 and np.mean(wind[late] ** 2) < 3.0 and np.abs(bias).max() < 4.0
 
 
-@pytest.mark.parametrize(("held", "every"), [(0.05, 0.05), (0.1, 0.1), (0.3, 5.0)])
-def test_an_imu_that_repeats_a_sample_leaves_in_doubt_what_it_hides(held: float, every: float) -> None:
-    """As of a recorder that writes the newest sample at each step, whether it is new or not: it was believed."""
+@pytest.mark.parametrize(("held", "every", "lost"), [(0.05, 0.05, 0), (0.1, 0.1, 0), (0.3, 5.0, 0), (0.3, 2.0, 6)])
+def test_an_imu_that_repeats_a_sample_leaves_in_doubt_what_it_hides(held: float, every: float, lost: int) -> None:
+    """As of a recorder that writes the newest sample at each step, whether it is new or not: it was believed.
+
+    And so it was where the last of the repeated samples are lost, before a new one shows how far off they were.
+    """
     flight = fast_flight(7)
     values, at = flight.samples.values.copy(), np.flatnonzero(flight.samples.kind == Kind.IMU)
     steps, period = round(held * FAST), round(every * FAST)
     number = np.arange(len(at))
     shown = np.where(number % period < steps, number - number % period, number)
     values[at, :6] = values[at[shown], :6]
+    kept = np.ones(len(values), np.bool_)
+    kept[at[(number % period < steps) & (number % period >= steps - lost)]] = False
     estimator = StateEstimator(file_of_users())
-    samples = Samples(flight.samples.stamp, flight.samples.kind, values)
+    samples = Samples(flight.samples.stamp, flight.samples.kind, values)[kept]
     rows = np.vstack([estimator.push(samples), estimator.flush()])
     assert estimator.epoch is not None and estimator.realignments == 0
     time = rows[:, StateField.TIME] + (estimator.epoch - int(flight.biases.stamp[0])) * 1e-9
