@@ -32,6 +32,7 @@ from aircraft_sysid_ros.diagnosis.failures.axis_relation import whitened
 from aircraft_sysid_ros.diagnosis.failures.coloured_fit import coloured_fit
 from aircraft_sysid_ros.diagnosis.failures.interval_search import FROZEN, Whitened, sums_of_squares
 from aircraft_sysid_ros.diagnosis.flight.flight_data import FlightData
+from aircraft_sysid_ros.diagnosis.search import intervals
 from aircraft_sysid_ros.diagnosis.search.fit import fits_of, tied_gains
 from aircraft_sysid_ros.estimation.kalman_filter import LinearSystem, filter_series
 from aircraft_sysid_ros.estimation.smoothing import smooth_series
@@ -84,6 +85,7 @@ def search() -> None:
     fits["CZ"].gain(signals[:, :2])
     _ = fits["CZ"].fit
     tied_gains(fits, {"CZ": signals[:, :1]}, {"CZ": np.ones((1, 1))})
+    intervals.warm_up()
 
 
 def failures() -> None:

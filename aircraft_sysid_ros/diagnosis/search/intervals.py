@@ -21,8 +21,10 @@ from aircraft_sysid_ros.diagnosis.flight.flight_data import FlightData
 from aircraft_sysid_ros.diagnosis.search.candidates import SHORTEST_CHANGE, limits
 from aircraft_sysid_ros.diagnosis.search.fit import AxisFit
 from aircraft_sysid_ros.effects.effect import END, STEP, Variant, fill
+from aircraft_sysid_ros.kernels import njit
 
 Array = npt.NDArray[np.float64]
+Integers = npt.NDArray[np.int64]
 
 #: Moments that are tried first as beginning and as end, how many intervals go on, and how far apart they are [moments].
 _MOMENTS, _STARTS, _APART = 160, 3, 6
@@ -30,6 +32,8 @@ _MOMENTS, _STARTS, _APART = 160, 3, 6
 _NEARBY, _CLOSER = 8, 2
 #: A variance below this share of the largest is no direction of the terms.
 _SINGULAR = 1e-9
+#: Rounds of rotations after which a small matrix is diagonal, and the share of its squares beside that is rounding.
+_SWEEPS, _ROUNDING = 20, 1e-30
 
 
 class _AxisSums:
@@ -50,17 +54,79 @@ class _AxisSums:
     def log_ratios(self, begin: Array, end: Array) -> Array:
         """ln(sum of squares without a change / with it) of intervals (w,) [s]."""
         first, last = (np.searchsorted(self._time, edge, side="right") for edge in (begin, end))
-        inside = (self._sums[last] - self._sums[first]).reshape(len(begin), self._k, -1)
-        own, shared, side = inside[:, :, : self._k], inside[:, :, self._k : -1], inside[:, :, -1]
-        information = own - shared @ shared.swapaxes(1, 2)
-        if self._k == 1:
-            values, along = information[:, 0], side
-        else:
-            values, vectors = np.linalg.eigh(information)
-            along = np.einsum("wij,wi->wj", vectors, side)
+        values, along = _directions(self._sums, first, last, self._k)
         there = values > _SINGULAR * max(float(values.max(initial=0.0)), 1e-300)
         explained = np.sum(np.where(there, along**2 / np.where(there, values, 1.0), 0.0), axis=1)
         return np.asarray(-np.log(np.maximum(1.0 - explained / max(self._whole, 1e-300), 1e-12)))
+
+
+@njit(cache=True)
+def _directions(sums: Array, first: Integers, last: Integers, k: int) -> tuple[Array, Array]:
+    """Eigenvalues of A, and b along its eigenvectors, of intervals between rows of sums (N + 1, k (k + r + 1)): (w, k)."""
+    width = sums.shape[1] // k
+    values, along = np.empty((len(first), k)), np.zeros((len(first), k))
+    inside, matrix, vectors = np.empty((k, width)), np.empty((k, k)), np.empty((k, k))
+    for w in range(len(first)):
+        for i in range(k):
+            for c in range(width):
+                inside[i, c] = sums[last[w], i * width + c] - sums[first[w], i * width + c]
+            for j in range(i + 1):
+                total = inside[i, j]
+                for c in range(k, width - 1):
+                    total -= inside[i, c] * inside[j, c]
+                matrix[i, j] = matrix[j, i] = total
+        _diagonalise(matrix, vectors)
+        for i in range(k):
+            values[w, i] = matrix[i, i]
+            for j in range(k):
+                along[w, i] += vectors[j, i] * inside[j, width - 1]
+    return values, along
+
+
+@njit(cache=True)
+def _diagonalise(matrix: Array, vectors: Array) -> None:
+    """Turn a symmetric matrix (k, k) until its eigenvalues stand in its diagonal, and its eigenvectors in columns.
+
+    By cyclic Jacobi rotations (Golub and Van Loan 2013, algorithm 8.5.2): of two by two one is exact.
+    """
+    k = len(matrix)
+    vectors[:] = 0.0
+    for i in range(k):
+        vectors[i, i] = 1.0
+    for _ in range(_SWEEPS):
+        beside, size = 0.0, 0.0
+        for i in range(k):
+            for j in range(k):
+                size += matrix[i, j] ** 2
+                beside += matrix[i, j] ** 2 if i != j else 0.0
+        if beside <= _ROUNDING * size:
+            return
+        for p in range(k):
+            for q in range(p + 1, k):
+                if matrix[p, q] != 0.0:
+                    _rotate(matrix, vectors, p, q)
+
+
+@njit(cache=True)
+def _rotate(matrix: Array, vectors: Array, p: int, q: int) -> None:
+    """Make the element (p, q) of a symmetric matrix zero."""
+    half = (matrix[q, q] - matrix[p, p]) / (2.0 * matrix[p, q])
+    tangent = 1.0 / (half + np.sqrt(half**2 + 1.0)) if half >= 0.0 else 1.0 / (half - np.sqrt(half**2 + 1.0))
+    cosine = 1.0 / np.sqrt(tangent**2 + 1.0)
+    sine = tangent * cosine
+    for i in range(len(matrix)):
+        at_p, at_q = matrix[i, p], matrix[i, q]
+        matrix[i, p], matrix[i, q] = cosine * at_p - sine * at_q, sine * at_p + cosine * at_q
+    for i in range(len(matrix)):
+        at_p, at_q = matrix[p, i], matrix[q, i]
+        matrix[p, i], matrix[q, i] = cosine * at_p - sine * at_q, sine * at_p + cosine * at_q
+        at_p, at_q = vectors[i, p], vectors[i, q]
+        vectors[i, p], vectors[i, q] = cosine * at_p - sine * at_q, sine * at_p + cosine * at_q
+
+
+def warm_up() -> None:
+    """Compile, or load from the cache."""
+    _directions(np.ones((2, 3)), np.zeros(1, np.int64), np.ones(1, np.int64), 1)
 
 
 def best_intervals(
