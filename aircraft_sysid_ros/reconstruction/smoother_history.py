@@ -6,7 +6,6 @@ files (in the folder that TMPDIR names, about 1 GB per hour at 100 Hz), so that 
 
 from __future__ import annotations
 
-import io
 import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -82,31 +81,58 @@ class _Table:
     """Rows of one width: in memory while they are few, else in a temporary file."""
 
     def __init__(self, width: int) -> None:
-        self._width, self._memory = width, io.BytesIO()
+        self._width = width
+        self._parts: list[Array] = []
         self._file: IO[bytes] | None = None
 
     def add(self, rows: Array) -> None:
-        """Append rows (n, width), before any are read. Raises OSError where there is no room for them."""
-        written = np.ascontiguousarray(rows).data
-        if self._file is None and self._memory.tell() + written.nbytes > IN_MEMORY:
+        """Take rows (n, width), which are not to be written to any more, before any are read.
+
+        Raises OSError where there is no room for them.
+        """
+        if not len(rows):
+            return
+        if self._file is None and sum(part.nbytes for part in self._parts) + rows.nbytes > IN_MEMORY:
             self._file = tempfile.TemporaryFile()  # noqa: SIM115
-            self._file.write(self._memory.getbuffer())
-            self._memory = io.BytesIO()
-        (self._memory if self._file is None else self._file).write(written)
+            for part in self._parts:
+                self._file.write(np.ascontiguousarray(part).data)
+            self._parts = []
+        if self._file is None:
+            self._parts.append(rows)
+        else:
+            self._file.write(np.ascontiguousarray(rows).data)
 
     @property
     def rows(self) -> Array:
         """All of them (n, width), where they are: what is written to them stays."""
         if self._file is None:
-            return np.frombuffer(self._memory.getbuffer(), np.float64).reshape(-1, self._width)
+            if len(self._parts) != 1:
+                self._parts = [_joined(self._parts) if self._parts else np.empty((0, self._width))]
+            return self._parts[0]
         self._file.flush()
         return np.asarray(np.memmap(self._file, np.float64, "r+").reshape(-1, self._width))
 
     def close(self) -> None:
         """What is in use stays; all else is gone."""
-        self._memory = io.BytesIO()
+        self._parts = []
         if self._file is not None:
             self._file.close()
+
+
+def _joined(parts: list[Array]) -> Array:
+    """Rows one after the other, (n, width): where the first lie, if they were made with room for the others.
+
+    A whole flight comes at once, and a few steps at its end.
+    """
+    first, room, count = parts[0], parts[0].base, sum(map(len, parts))
+    has_room = room is not None and room.ndim == 2 and room.shape[1] == first.shape[1] and len(room) >= count
+    if not has_room or room.ctypes.data != first.ctypes.data:
+        return np.concatenate(parts)
+    at = len(first)
+    for part in parts[1:]:
+        room[at : at + len(part)] = part
+        at += len(part)
+    return np.asarray(room[:count])
 
 
 class SmootherHistory:
@@ -133,6 +159,8 @@ class SmootherHistory:
     def add(self, steps: Array, rows: Array, x: Array, p: Array, attitude_doubt: Array | None = None) -> None:
         """Steps (m, STEP_WIDTH) and rows (n, StateField.WIDTH), and the filtered state x (19,), p (18, 18) after them.
 
+        Steps stay where they are, and are not to be written to any more.
+
         ``attitude_doubt`` (3,): what the attitude of the recording may be off by then [rad].
 
         Raises InputError when they cannot be written.
@@ -140,7 +168,7 @@ class SmootherHistory:
         segment = self._segments[-1]
         try:
             self._steps.add(steps)
-            self._rows.add(rows)
+            self._rows.add(rows.copy())
         except OSError as error:
             raise InputError(
                 f"the smoother needs about 1 GB per hour of flight in {tempfile.gettempdir()}: {error.strerror}; "

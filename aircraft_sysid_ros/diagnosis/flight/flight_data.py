@@ -253,12 +253,15 @@ class FlightData:
         return [name for name in self.inferred if not np.isfinite(self.signal(name)).sum() >= least]
 
     def columns(self, programs: list[Program] | tuple[Program, ...]) -> Array:
-        """Terms (n, len(programs)) on the signals, ``within`` flights; the points of each stand side by side."""
+        """Terms (n, len(programs)) on the signals, ``within`` flights, points side by side; not to be written to."""
         made, new = self._made, [p for p in programs if p.source not in self._made]
         if new:
             out = self._values(new)
             made.update(zip((p.source for p in new), self.within(out).T.copy(), strict=True))
-        rows = np.array([made[p.source] for p in programs]).reshape(len(programs), len(self.time))
+        if len(programs) == 1:
+            rows = made[programs[0].source][None]
+        else:
+            rows = np.array([made[p.source] for p in programs]).reshape(len(programs), len(self.time))
         while len(made) > _KEPT:
             del made[next(iter(made))]
         return rows.T

@@ -203,13 +203,18 @@ def projected_on(basis: Array, z: Array) -> Array:
 
 @njit(cache=True)
 def taken_off(z: Array, basis: Array, parts: Array) -> None:
-    """Take the basis (r, N) times parts (r, m) off z (m, N)."""
+    """Take the basis (r, N) times parts (r, m) off z (m, N), one row after the other."""
+    pairs = len(basis) - len(basis) % 2
     for first in range(0, z.shape[1], _AT_ONCE):
         inside = slice(first, min(first + _AT_ONCE, z.shape[1]))
         for j in range(len(z)):
             rest = z[j, inside]
-            for i in range(len(basis)):
-                part, along = parts[i, j], basis[i, inside]
+            for i in range(0, pairs, 2):  # two rows while they are at hand
+                part, along, other, beside_it = parts[i, j], basis[i, inside], parts[i + 1, j], basis[i + 1, inside]
+                for n in range(len(rest)):
+                    rest[n] = rest[n] - part * along[n] - other * beside_it[n]
+            if pairs < len(basis):
+                part, along = parts[pairs, j], basis[pairs, inside]
                 for n in range(len(rest)):
                     rest[n] -= part * along[n]
 
@@ -217,7 +222,10 @@ def taken_off(z: Array, basis: Array, parts: Array) -> None:
 @njit(cache=True)
 def lengths(z: Array) -> Array:
     """Square roots (m,) of the sums of squares of z (m, N)."""
-    return np.sqrt(np.array([dot(row, row) for row in z]))
+    found = np.empty(len(z))
+    for j in range(len(z)):
+        found[j] = np.sqrt(dot(z[j], z[j]))
+    return found
 
 
 @njit(cache=True)

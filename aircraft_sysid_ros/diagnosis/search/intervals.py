@@ -62,7 +62,7 @@ class _AxisSums:
 
 @njit(cache=True)
 def _directions(sums: Array, first: Integers, last: Integers, k: int) -> tuple[Array, Array]:
-    """Eigenvalues of A, and b along its eigenvectors, of intervals between rows of sums (N + 1, k (k + r + 1)): (w, k)."""
+    """Eigenvalues (w, k) of A, and b along its eigenvectors, of w intervals between two rows of sums (N + 1, …)."""
     width = sums.shape[1] // k
     values, along = np.empty((len(first), k)), np.zeros((len(first), k))
     inside, matrix, vectors = np.empty((k, width)), np.empty((k, k)), np.empty((k, k))

@@ -179,7 +179,7 @@ class CoefficientStream:
         """States up to a time [s] with their history rows, in parts of one body and of one ``pace``."""
         if not self._waiting:
             return
-        rows = np.vstack(self._waiting)
+        rows = self._waiting[0] if len(self._waiting) == 1 else np.vstack(self._waiting)
         due = int(np.searchsorted(rows[:, StateField.TIME], limit, side="right"))
         self._waiting = [rows[due:]] if due < len(rows) else []
         if not due:
@@ -220,7 +220,7 @@ class CoefficientStream:
         options, terms = self._options, self._width - TERM
         if len(self._history) and history[0, TIME] - self._history[-1, TIME] > LARGEST_LEAP:  # no window reaches across
             self._history, self._next_index = self._history[:0], int(np.ceil(history[0, TIME] / options.step))
-        self._history = np.vstack([self._history, history])
+        self._history = np.vstack([self._history, history]) if len(self._history) else history
         span = self._history[-1, TIME] - self._next_index * options.step
         most = max(int(span / options.step) + 2, 0)
         samples, noise = np.empty((most, CoefficientSample.TERMS + terms)), np.empty((most, terms))
