@@ -125,14 +125,13 @@ def _joined(parts: list[Array]) -> Array:
     A whole flight comes at once, and a few steps at its end.
     """
     first, room, count = parts[0], parts[0].base, sum(map(len, parts))
-    has_room = room is not None and room.ndim == 2 and room.shape[1] == first.shape[1] and len(room) >= count
-    if not has_room or room.ctypes.data != first.ctypes.data:
+    if room is None or room.shape[1:] != first.shape[1:] or len(room) < count or room.ctypes.data != first.ctypes.data:
         return np.concatenate(parts)
     at = len(first)
     for part in parts[1:]:
         room[at : at + len(part)] = part
         at += len(part)
-    return np.asarray(room[:count])
+    return room[:count]
 
 
 class SmootherHistory:
