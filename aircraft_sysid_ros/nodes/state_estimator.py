@@ -90,7 +90,8 @@ class StateEstimatorNode(EstimatorNode):
         self._waiting: list[Samples] = []
         self._rates = SampleRates()
         self._pushed_until = 0  # newest IMU stamp [ns] at the last push
-        self._imu_came = 0.0  # [s] the newest sample of the IMU, or the activation
+        self._imu_came = self._usable_came = 0.0  # [s] newest samples of the IMU, any and usable, or the activation
+        self._usable = 0  # samples of the IMU, at the last look
 
     def make_estimator(self, aircraft: Aircraft, values: Mapping[str, Any]) -> StateEstimator:
         """The filter, compiled."""
@@ -129,7 +130,7 @@ class StateEstimatorNode(EstimatorNode):
 
     def activate(self) -> None:
         """Listen."""
-        self._imu_came = time.monotonic()
+        self._imu_came = self._usable_came = time.monotonic()
         super().activate()
 
     def take(self, topic: str, message: Any) -> None:
@@ -190,9 +191,14 @@ class StateEstimatorNode(EstimatorNode):
         silent = next((heard for heard in self.inputs if heard.topic == IMU_TOPIC), None)
         if silent is None:
             return ""
-        topic, silence = silent.subscription.topic_name, time.monotonic() - self._imu_came
+        topic, now, counts = silent.subscription.topic_name, time.monotonic(), self.estimator.order.counts
+        if (usable := int(counts.received[Kind.IMU] - counts.invalid[Kind.IMU])) != self._usable:
+            self._usable, self._usable_came = usable, now
         if self.received[IMU_TOPIC]:
-            return f"no IMU for {silence:.0f} s on {topic}, and no state without it" if silence > SILENT else ""
+            silence = now - self._usable_came
+            useless = "" if now - self._imu_came > SILENT else " but samples of no usable numbers"
+            words = f"no IMU{useless} for {silence:.0f} s on {topic}, and no state without it"
+            return words if silence > SILENT else ""
         words = f"no IMU has come on {topic}"
         if self.count_publishers(topic):
             return words

@@ -76,6 +76,27 @@ def test_diagnostics_say_that_the_imu_has_fallen_silent(bench, monkeypatch):
     bench.spin_until(lambda: any("no IMU for" in words for words in told()))
 
 
+def test_diagnostics_say_that_the_imu_sends_no_numbers(bench, monkeypatch):
+    """A broken driver went on to send NaN: there was no state any more, and /diagnostics was ok."""
+    monkeypatch.setattr(state_estimator, "SILENT", 0.5)
+    diagnostics = bench.listen(DiagnosticArray, "/diagnostics")
+    node = bench.node(StateEstimatorNode)
+    assert node.trigger_configure() == node.trigger_activate() == TransitionCallbackReturn.SUCCESS
+    imu, broken = bench.publisher(Imu, "imu/data"), Imu()
+    broken.linear_acceleration.z = float("nan")
+
+    def say():
+        broken.header.stamp = bench.helper.get_clock().now().to_msg()
+        imu.publish(broken)
+
+    def told():
+        return [status.message for message in diagnostics for status in message.status]
+
+    wanted = "s on /imu/data, and no state without it"
+    bench.say_until(say, lambda: any(wanted in words for words in told()))
+    assert any("no IMU but samples of no usable numbers for" in words for words in told())
+
+
 @pytest.mark.long
 def test_nobody_is_there(run, aircraft_file):
     with live(run, aircraft_file) as process:
