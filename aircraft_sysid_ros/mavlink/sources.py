@@ -79,7 +79,7 @@ class Sources:
         if own in usable and len(fixes):
             usable[own] = usable[own][np.isin(usable[own] // NANOSECONDS, fixes // NANOSECONDS)]
         count = {key: len(stamp) for key, stamp in usable.items()}
-        seconds = {key: len(np.unique(stamp // NANOSECONDS)) for key, stamp in usable.items()}
+        seconds = {key: _seconds(stamp) for key, stamp in usable.items()}
         for quantity, order in self._ranks.items():
             there = [name for name in order if (quantity, name) in usable]
             is_free = quantity is not Quantity.AIRSPEED or not self._corrects_airspeed
@@ -98,7 +98,9 @@ class Sources:
         for reading in readings:
             if reading.quantity is Quantity.DESCENT:
                 held[reading.source].add(reading.stamp, reading.values, None)
-        return next((each for each in held.values() if len(each.stamp)), Held())
+        seconds = {name: _seconds(each.stamp) for name, each in held.items()}
+        longest = max(seconds.values(), default=0)
+        return next((held[name] for name in held if 2 * seconds[name] >= longest), Held())
 
     def source(self, quantity: Quantity) -> str | None:
         """The source that counts now."""
@@ -149,6 +151,11 @@ def _named_airspeed(table: Table, mapping: ServoMapping) -> str | None:
             "offset out, or name a source of airspeed"
         )
     return found
+
+
+def _seconds(stamp: Stamps) -> int:
+    """Seconds in which something was said."""
+    return len(np.unique(stamp // NANOSECONDS))
 
 
 def _fixes(usable: dict[tuple[Quantity, str], Stamps]) -> Stamps:

@@ -400,6 +400,18 @@ def test_a_source_that_was_there_for_a_moment_does_not_hide_that_of_the_whole_fl
         assert (made.source, len(made.stamp)) == (source, 200)
 
 
+def test_a_vertical_speed_that_was_there_for_a_moment_does_not_hide_that_of_the_whole_flight():
+    """The receiver's velocity seemed to lack it, and the moment was all that the flight had of a velocity."""
+    readings = [
+        reading(Quantity.VELOCITY, "GPS_RAW_INT", 5.0, [15.0, 0.0, np.nan]),
+        reading(Quantity.VELOCITY, "GLOBAL_POSITION_INT", 5.0, [14.0, 0.0, 1.0], seconds=0.5),
+        reading(Quantity.DESCENT, "GLOBAL_POSITION_INT", 5.0, [1.0], seconds=0.5),
+        reading(Quantity.DESCENT, "VFR_HUD", 5.0, [1.1]),
+    ]
+    (made,), _ = assembled(readings, MAVLINK, servo_mapping_from_dict({}))
+    assert (made.source, len(made.stamp)) == ("GPS_RAW_INT, vertical of VFR_HUD", 100)
+
+
 def test_a_receiver_that_waits_long_for_its_fix_gives_the_velocity_of_the_flight():
     """Its autopilot's filter tells a velocity throughout: that of the time without a fix says nothing for it."""
     place, without, since = [0.8, -1.6, 300.0, 1.0, 1.0, 4.0, 0.0], [np.nan] * 6 + [-1.0], 60
