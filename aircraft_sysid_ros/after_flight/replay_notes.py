@@ -35,6 +35,7 @@ from aircraft_sysid_ros.reconstruction.state_estimator import StateEstimator
 from aircraft_sysid_ros.recordings.manoeuvres import Body, Manoeuvre
 from aircraft_sysid_ros.recordings.reader import Recording
 from aircraft_sysid_ros.ros_messages.conversion import INPUTS_TOPIC
+from aircraft_sysid_ros.rounding import with_error
 from aircraft_sysid_ros.run_writer import RunWriter
 from aircraft_sysid_ros.samples import SAME_FLIGHT, Kind, Samples, is_absurd, manoeuvre_at, manoeuvres
 from aircraft_sysid_ros.stamps import NANOSECONDS, nanoseconds
@@ -296,7 +297,7 @@ def air_data_error_notes(state: StateEstimator) -> list[str]:
     errors = state.air_data_errors.items()
     wild = {name: each for name, each in errors if abs(each["value"]) > _NO_ERROR * UNKNOWN_STD_OF[name]}
     if wild:
-        listed = ", ".join(f"{name} = {each['value']:.3g} ± {each['std']:.2g}" for name, each in wild.items())
+        listed = ", ".join(f"{name} = {with_error(each['value'], each['std'])}" for name, each in wild.items())
         found.append(
             f"{listed} is more than {_NO_ERROR:g} times what is usual, and so not a sensor error: gusts, which look "
             "like scales of the angles, or another kind of fault (`check`, `diagnose`); do not use the air data "

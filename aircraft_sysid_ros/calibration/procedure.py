@@ -43,6 +43,7 @@ from aircraft_sysid_ros.estimation.two_stage.residual_sampling import (
     sample_residuals,
 )
 from aircraft_sysid_ros.estimation.two_stage.sampling import Prior
+from aircraft_sysid_ros.rounding import with_error
 
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
@@ -127,7 +128,7 @@ class Answer:
         """The answer with some names as nominal, not determined, and in words why: what was found of them is wrong."""
         out = np.array([name in refused for name in self.problem.names]) & self.determined
         told = {
-            name: f"{refused[name]} ({value:.3g} ± {std:.2g}): taken as {nominal:.4g}"
+            name: f"{refused[name]} ({with_error(value, std)}): taken as {nominal:.4g}"
             for name, value, std, nominal, there in zip(
                 self.problem.names, self.xi, self.std, self.task.nominal, out, strict=True
             )

@@ -20,6 +20,7 @@ from aircraft_sysid_ros.calibration.procedure import Answer, residuals, solve
 from aircraft_sysid_ros.calibration.segments import LEAST_TURN, Segments, turned_through
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.estimation.two_stage.residual_sampling import NoMinimumError
+from aircraft_sysid_ros.rounding import with_error
 from aircraft_sysid_ros.samples import Samples, flight_at
 
 Array = npt.NDArray[np.float64]
@@ -303,7 +304,7 @@ def _doubts(answer: Answer) -> list[str]:
     usual = np.zeros(len(names)) if answer.task.usual is None else answer.task.usual
     out = [not there and name not in answer.refused for name, there in zip(names, answer.determined, strict=True)]
     each = list(zip(names, answer.xi, usual, out, strict=True))
-    counted = [f"{name} = {value:.4g} ± {std:.2g}" for name, value, std, is_out in each if is_out and std > 0.0]
+    counted = [f"{name} = {with_error(value, std)}" for name, value, std, is_out in each if is_out and std > 0.0]
     taken = [f"{name} = {value:.4g}" for name, value, std, is_out in each if is_out and std == 0.0]
     if counted:
         notes.append(

@@ -15,6 +15,7 @@ from aircraft_sysid_ros.diagnosis.model_versions.additions import Outcome, add
 from aircraft_sysid_ros.diagnosis.model_versions.versions import MODELS, open_run
 from aircraft_sysid_ros.effects import BY_ID
 from aircraft_sysid_ros.report.diagnosis_figures import errors_figure
+from aircraft_sysid_ros.rounding import with_error
 
 FIGURE = "errors.png"
 
@@ -82,7 +83,7 @@ def render(result: dict[str, Any]) -> str:
 def _of_parameter(name: str, value: float | None, std: float | None, status: str, reason: str, **_more: Any) -> str:
     if value is None or std is None:
         return f"{name} is not known: {reason}"
-    return f"{name} = {value:.4g} ± {std:.2g}" + f", {status}: {reason}" * (status != "USE")
+    return f"{name} = {with_error(value, std)}" + f", {status}: {reason}" * (status != "USE")
 
 
 def _of_setting(key: str, value: float, gone: bool) -> str:

@@ -18,6 +18,7 @@ from aircraft_sysid_ros.commands.notes import note_lines
 from aircraft_sysid_ros.commands.progress import counting
 from aircraft_sysid_ros.config_files import DEFAULT_AIRCRAFT
 from aircraft_sysid_ros.report.calibration_figures import draw_calibration
+from aircraft_sysid_ros.rounding import rounded_to_error
 
 
 def add_parser(subparsers: Any) -> argparse.ArgumentParser:
@@ -68,8 +69,7 @@ def render(result: dict[str, Any]) -> str:
     header = f"{'parameter':<14}{'estimate':>12}{'std. error':>12}{'':>2}{'unit'}"
     lines = [header, "-" * 60]
     for p in result["parameters"]:
-        std = f"{p['std']:.3g}" if p["determined"] else "-"
-        shown = f"{p['value']:.5g}" if p["determined"] else "-"
+        shown, std = rounded_to_error(p["value"], p["std"]) if p["determined"] else ("-", "-")
         lines.append(f"{p['name']:<14}{shown:>12}{std:>12}  {p['unit']:<6}{p['reason']}".rstrip())
     lines += ["", f"rms of the residuals [{result['residual_unit']}]: uncalibrated, calibrated"]
     for name, rms in result["residuals"].items():

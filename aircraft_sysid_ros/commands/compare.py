@@ -17,7 +17,7 @@ from aircraft_sysid_ros.diagnosis.compare import left_in_words
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.fleet.folder import is_fleet
 from aircraft_sysid_ros.report.diagnosis_figures import comparison_figure
-from aircraft_sysid_ros.rounding import rounded_to_error
+from aircraft_sysid_ros.rounding import fixed, rounded_to_error, with_error
 
 FIGURE = "compare.png"
 
@@ -100,7 +100,7 @@ def _responses(responses: list[dict[str, Any]]) -> list[str]:
         low, high = each["band"]
         at = min(range(len(each["frequency"])), key=lambda i: each["std"][i] if _is_inside(each, i) else math.inf)
         gain, error = each["magnitude"][at], each["magnitude"][at] * each["std"][at]
-        best = f"{gain:.2f} ± {error:.2f} rad/s per rad, phase {each['phase'][at]:.0f}°"
+        best = f"{with_error(gain, error)} rad/s per rad, phase {fixed(each['phase'][at], 0)}°"
         lines.append(
             f"  {each['output']} to {each['input']}: {low:.1f} to {high:.1f} Hz; at {each['frequency'][at]:.1f} Hz "
             f"{best}, coherence {each['coherence'][at]:.2f}"
@@ -129,8 +129,8 @@ def _beside(both: dict[str, Any]) -> list[str]:
         )
     for run, only in zip("ab", both["only_values"], strict=True):
         if only:
-            each = (" ± ".join(rounded_to_error(*number)) for number in only.values())
-            lines.append(f"only in {run}: {', '.join(f'{name} {text}' for name, text in zip(only, each, strict=True))}")
+            each = (f"{name} {with_error(*number)}" for name, number in only.items())
+            lines.append(f"only in {run}: {', '.join(each)}")
     held_out = "on flight that was not fitted"
     if both["same_flight"]:
         held_out = "on its own states held out, on those of the other run as it was fitted to this flight"

@@ -20,6 +20,7 @@ from aircraft_sysid_ros.diagnosis.significance.parametric_bootstrap import COUNT
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.option import options_of
 from aircraft_sysid_ros.reconstruction.options import StateOptions
+from aircraft_sysid_ros.rounding import with_error
 
 #: Keys of the aircraft file with unit and words, as they are asked for.
 _SHAPE = {
@@ -145,9 +146,7 @@ def _fact_line(fact: dict[str, Any]) -> str:
 
 def _known(value: float, std: float | None) -> str:
     """A number as far as its standard error says something of it, where that is known."""
-    from aircraft_sysid_ros.workbench.views.words import rounded
-
-    return f"{value:.3g}" if std is None or std != std else " ± ".join(rounded(value, std))
+    return f"{value:.2g}" if std is None or std != std else with_error(value, std).replace("-", "−")
 
 
 def _mode_line(mode: dict[str, Any]) -> str:

@@ -17,6 +17,7 @@ from aircraft_sysid_ros.diagnosis.significance.parametric_bootstrap import COUNT
 from aircraft_sysid_ros.errors import IncompleteError, InputError
 from aircraft_sysid_ros.fleet.fleet import Asked, Fleet, fly_fleet
 from aircraft_sysid_ros.fleet.flights import Files
+from aircraft_sysid_ros.rounding import with_error
 
 #: Flights with a verdict that are listed; all of them are on the page and in the tables.
 _MOST_LISTED = 10
@@ -130,16 +131,16 @@ def _verdict_lines(verdicts: Sequence[dict[str, Any]]) -> Iterator[str]:
 
 
 def _change_line(change: dict[str, Any]) -> str:
-    size, std = f"{change['size']:+.3g}", f"{change['std']:.2g}"
-    what = f"drifts by {size} ± {std} per flight" if change["kind"] == "drift" else f"jumps by {size} ± {std}"
+    size = "+" * (change["size"] > 0.0) + with_error(change["size"], change["std"])
+    what = f"drifts by {size} per flight" if change["kind"] == "drift" else f"jumps by {size}"
     since = f" from {change['flight']}" if change["flight"] else ""
     return f"{change['airframe']}: {change['parameter']} {what}{since}, p {change['p_value']:.1g}"
 
 
 def _difference_line(each: dict[str, Any]) -> str:
     return (
-        f"{each['airframe']}: {each['parameter']} is {each['value']:.4g} ± {each['std']:.2g}, "
-        f"of the others {each['others']:.4g} ± {each['others_std']:.2g}, p {each['p_value']:.1g}"
+        f"{each['airframe']}: {each['parameter']} is {with_error(each['value'], each['std'])}, "
+        f"of the others {with_error(each['others'], each['others_std'])}, p {each['p_value']:.1g}"
     )
 
 

@@ -29,6 +29,7 @@ from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.export.autopilot_parameters import not_set
 from aircraft_sysid_ros.export.gains import AUTOPILOTS, SUFFIXES, Gains, gains
 from aircraft_sysid_ros.export.rate_loops import Actuator, actuator_of
+from aircraft_sysid_ros.rounding import fixed, rounded_to_error
 
 #: Longest lag and delay [s] of an actuator that is believed.
 _LONGEST = 0.5
@@ -101,11 +102,12 @@ def listed(found: Gains) -> list[dict[str, Any]]:
 
 def gain_lines(gains_listed: Sequence[Mapping[str, Any]]) -> list[str]:
     """A line for each of ``listed``."""
-    stds = (f" ± {e['std']:.2g}" if np.isfinite(e["std"]) else "" for e in gains_listed)
-    return [
-        f"{e['name']:<20}{e['value']:>10.4f}{std:<12}  {e['what']}{not_set(e['doubt'])}"
-        for e, std in zip(gains_listed, stds, strict=True)
-    ]
+    lines = []
+    for e in gains_listed:
+        value, std = rounded_to_error(e["value"], e["std"]) if np.isfinite(e["std"]) else (fixed(e["value"], 4), "")
+        error = std and f" ± {std}"
+        lines.append(f"{e['name']:<20}{value:>10}{error:<12}  {e['what']}{not_set(e['doubt'])}")
+    return lines
 
 
 def render(result: dict[str, Any]) -> str:

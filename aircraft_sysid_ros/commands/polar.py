@@ -11,6 +11,7 @@ from typing import Any
 from aircraft_sysid_ros.after_flight.drag_polar import LEAST_EXPLAINED, drag_polar
 from aircraft_sysid_ros.commands.pictures import picture_lines
 from aircraft_sysid_ros.report.polar_figure import draw_polar
+from aircraft_sysid_ros.rounding import rounded_to_error, with_error
 
 _MEANINGS = {
     "efficiency": "of propulsion, power to the air over power consumed",
@@ -48,13 +49,14 @@ def render(result: dict[str, Any]) -> str:
     lines = [f"model {result['model']}: {result['time']:.0f} s of flight, C_L {low:.2f} to {high:.2f}", ""]
     for p in result["parameters"]:
         doubt = f"   {p['status']}  {p['reason']}".rstrip()
-        lines.append(f"{p['name']:<12}{p['value']:>9.4f} ± {p['std']:<9.2g}{_MEANINGS[p['name']]:<54}{doubt}")
+        value, std = rounded_to_error(p["value"], p["std"])
+        lines.append(f"{p['name']:<12}{value:>9} ± {std:<9}{_MEANINGS[p['name']]:<54}{doubt}")
     lines += ["", f"the energy balance explains {result['explained']:.0%} of the power, where it was not fitted"]
     glide = result["best_glide"]
     if glide is not None:
         outside = "" if glide["inside"] else ", which was NOT FLOWN"
         lines.append(
-            f"best glide {glide['ratio']:.1f} ± {glide['std']:.2g} at {glide['airspeed']:.1f} m/s "
+            f"best glide {with_error(glide['ratio'], glide['std'])} at {glide['airspeed']:.1f} m/s "
             f"(C_L {glide['lift']:.2f}{outside})"
         )
     what = "power" if result["method"] == "power" else "power of thrust"
@@ -62,6 +64,7 @@ def render(result: dict[str, Any]) -> str:
     told = result["explained"] >= LEAST_EXPLAINED
     lines += ["", f"level flight at   {what}" if told else "too little is explained to give the power of level flight"]
     for at in range(0, len(level["airspeed"]), 4) if told else ():
-        lines.append(f"{level['airspeed'][at]:>8.1f} m/s   {level['power'][at]:>8.0f} ± {level['std'][at]:.0f} W")
+        power, std = rounded_to_error(level["power"][at], level["std"][at])
+        lines.append(f"{level['airspeed'][at]:>8.1f} m/s   {power:>8} ± {std} W")
     lines += ["", f"only between C_L {low:.2f} and {high:.2f}, {slow:.1f} and {fast:.1f} m/s"]
     return "\n".join([*lines, *picture_lines(result), f"file {result['file']}"])

@@ -17,6 +17,7 @@ from aircraft_sysid_ros.commands.progress import telling
 from aircraft_sysid_ros.refinement.refine import RefineOptions
 from aircraft_sysid_ros.refinement.refined_file import FILTER_ERROR, METHODS
 from aircraft_sysid_ros.report.refined_figure import draw_refined
+from aircraft_sysid_ros.rounding import rounded_to_error
 
 
 def add_parser(subparsers: Any) -> argparse.ArgumentParser:
@@ -51,7 +52,8 @@ def render(result: dict[str, Any]) -> str:
         for item in result.get(key, []):
             if item["std"] is not None:
                 title = item["name"] if key == "biases" else f"{key.replace('_', ' ')}: {item['name']}"
-                lines.append(f"{title:<46}{item['value']:>12.5f}{item['std']:>12.5f}")
+                value, std = rounded_to_error(item["value"], item["std"])
+                lines.append(f"{title:<46}{value:>12}{std:>12}")
     lines += ["", "error on the pieces that were not fitted, over the spread: refined (parameters that it began with)"]
     for axis, error in result["not_fitted"].items():
         lines.append(f"  {axis}  {100 * error['nrmse']:.1f} % ({100 * error['nrmse_before']:.1f} %)")

@@ -38,6 +38,7 @@ from aircraft_sysid_ros.consumer.sender import LEAP, Sender
 from aircraft_sysid_ros.consumer.snapshot import Condition, Snapshot, snapshot_of
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.identification.trust import Trust
+from aircraft_sysid_ros.rounding import with_error
 from aircraft_sysid_ros.stamps import NANOSECONDS
 
 Array = npt.NDArray[np.float64]
@@ -213,7 +214,8 @@ class ParameterSource:
         for i, j in pairs[~s.usable[pairs[:, 1]]]:
             off = abs(kept[i] - s.values[j])
             if off > CONTRADICTION * np.hypot(kept_std[i], s.std[j]):  # never with NaN
-                words = f"{self.names[i]} is kept at {kept[i]:.3g} and published as {s.values[j]:.3g} ± {s.std[j]:.2g}"
+                published = with_error(float(s.values[j]), float(s.std[j]))
+                words = f"{self.names[i]} is kept at {kept[i]:.3g} and published as {published}"
                 for k, name in enumerate(self.names):
                     if name.split("_")[0] == self.names[i].split("_")[0] and self._status[k] == Trust.USE:
                         self._status[k], self._texts[k] = int(Trust.HOLD), f"its axis does not fit together: {words}"

@@ -20,7 +20,7 @@ from aircraft_sysid_ros.diagnosis.search.candidates import Candidate
 from aircraft_sysid_ros.diagnosis.search.evaluator import Score, new_terms
 from aircraft_sysid_ros.diagnosis.search.fit import fit_axis
 from aircraft_sysid_ros.effects.effect import CHORD_BY_SPAN
-from aircraft_sysid_ros.rounding import rounded_to_error
+from aircraft_sysid_ros.rounding import with_error
 
 Array = npt.NDArray[np.float64]
 #: The largest that is quoted is passed in one hundredth of the time in which it acts.
@@ -123,7 +123,7 @@ def _surface(added: AddedTerms) -> str:
         angle = -terms[1].value / terms[0].value
         std = np.hypot(terms[1].std, angle * terms[0].std) / abs(terms[0].value)
     if std < _TOLD_TO:
-        said.append(f"the stuck part stands at {_with_std(np.degrees(angle), np.degrees(std))} deg")
+        said.append(f"the stuck part stands at {with_error(np.degrees(angle), np.degrees(std))} deg")
     return " and ".join(said)
 
 
@@ -133,7 +133,7 @@ def _share(term: Fitted, whole: Fitted | None) -> str:
         return ""
     share = -term.value / whole.value
     std = np.hypot(term.std, share * whole.std) / abs(whole.value)
-    return f"{_with_std(100.0 * share, 100.0 * std)} %"
+    return f"{with_error(100.0 * share, 100.0 * std)} %"
 
 
 def _shift(added: AddedTerms) -> str:
@@ -167,7 +167,7 @@ def _mass(added: AddedTerms) -> str:
     mass = added.flight.aircraft.mass
     change = mass / (1.0 + share) - mass
     std = mass * abs(share * term.std / term.value) / (1.0 + share) ** 2
-    return f"it weighs {_with_std(abs(change), std)} kg {'less' if change < 0.0 else 'more'} than is stated"
+    return f"it weighs {with_error(abs(change), std)} kg {'less' if change < 0.0 else 'more'} than is stated"
 
 
 def _part(added: AddedTerms, axis: str) -> Array:
@@ -187,7 +187,3 @@ def _without(added: AddedTerms, axis: str) -> Array:
 def _plain(value: float) -> str:
     """Two digits, without an exponent."""
     return f"{float(f'{value:.2g}'):g}"
-
-
-def _with_std(value: float, std: float) -> str:
-    return " ± ".join(rounded_to_error(value, std))

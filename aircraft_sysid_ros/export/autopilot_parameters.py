@@ -20,6 +20,7 @@ from aircraft_sysid_ros.export.learnt_model import SURFACES, LearntModel
 from aircraft_sysid_ros.export.level_flight import LevelFlight, moment_signs
 from aircraft_sysid_ros.export.rate_loops import ROLL, RateLoop
 from aircraft_sysid_ros.identification.trust import Trust
+from aircraft_sysid_ros.rounding import with_error
 
 Array = npt.NDArray[np.float64]
 
@@ -145,5 +146,5 @@ def arduplane_file(comments: Sequence[str], entries: Sequence[Entry]) -> str:
 
 
 def _described(entry: Entry) -> str:
-    std = f" +- {entry.std:.2g}" if np.isfinite(entry.std) else ""
-    return f"{entry.name} = {entry.value:.5g}{std}: {entry.what}{not_set(entry.doubt)}"
+    shown = with_error(entry.value, entry.std, "+-") if np.isfinite(entry.std) else f"{entry.value + 0.0:.5g}"
+    return f"{entry.name} = {shown}: {entry.what}{not_set(entry.doubt)}"

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from aircraft_sysid_ros.export.learnt_model import LearntModel, percent, range_words
+from aircraft_sysid_ros.rounding import with_error
 
 #: Losses and standard errors below this share are rounding.
 ROUNDING = 1e-9
@@ -40,7 +41,7 @@ def induced_drag_notes(efficiency: float) -> list[str]:
 def parameter_lines(learnt: LearntModel) -> list[str]:
     """The learnt parameters: name, value, standard error and status."""
     return [
-        f"{p.name} = {p.value:.6g} +- {p.std:.2g} {p.status} {p.reason}".rstrip()
+        f"{p.name} = {with_error(p.value, p.std, '+-')} {p.status} {p.reason}".rstrip()
         if np.isfinite(p.value)
         else f"{p.name} is not known, so that its term is left out: {p.status} {p.reason}".rstrip()
         for p in learnt.parameters
@@ -51,7 +52,7 @@ def number_lines(values: Mapping[str, Any], std: Mapping[str, float]) -> list[st
     """The target's own numbers with the standard errors that follow from those of the parameters."""
     lines = ["Standard errors of the numbers below:"]
     known = {name: error for name, error in std.items() if error > ROUNDING * abs(values[name])}
-    return lines + [f"  {name} = {values[name]:.6g} +- {error:.2g}" for name, error in known.items()]
+    return lines + [f"  {name} = {with_error(values[name], error, '+-')}" for name, error in known.items()]
 
 
 def comment_of(lines: list[str]) -> str:

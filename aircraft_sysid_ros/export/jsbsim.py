@@ -27,6 +27,7 @@ from aircraft_sysid_ros.export.level_flight import (
     moment_signs,
     time_notes,
 )
+from aircraft_sysid_ros.rounding import with_error
 
 Array = npt.NDArray[np.float64]
 
@@ -258,4 +259,4 @@ def _property_name(learnt: LearntModel, name: str) -> str:
 
 def _described(learnt: LearntModel, name: str) -> str:
     p = learnt.parameters[learnt.model.parameter_names.index(name)]
-    return f"{p.name} = {p.value:.6g} +- {p.std:.2g}, {p.status}"
+    return f"{p.name} = {with_error(p.value, p.std, '+-')}, {p.status}"

@@ -33,6 +33,7 @@ from aircraft_sysid_ros.export.level_flight import (
     slopes,
 )
 from aircraft_sysid_ros.identification.trust import Trust
+from aircraft_sysid_ros.rounding import with_error
 
 Array = npt.NDArray[np.float64]
 Complex = npt.NDArray[np.complexfloating[Any, Any]]
@@ -302,5 +303,5 @@ def _too_uncertain(
     p = learnt.parameters[names.index(culprit)]
     return InputError(
         f"no {axis} gains: with the uncertainty of the parameters the loop is stable in {100.0 * share:.1f} % of draws "
-        f"only, and {culprit} = {p.value:.3g} ± {p.std:.2g} is too uncertain: excite it in more manoeuvres"
+        f"only, and {culprit} = {with_error(p.value, p.std)} is too uncertain: excite it in more manoeuvres"
     )

@@ -31,6 +31,7 @@ import numpy.typing as npt
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AerodynamicModel
 from aircraft_sysid_ros.aircraft.fleet_prior import FleetPrior
 from aircraft_sysid_ros.identification.thresholds import THRESHOLDS
+from aircraft_sysid_ros.rounding import with_error
 
 Array = npt.NDArray[np.float64]
 
@@ -53,7 +54,7 @@ class Fault:
 
     def words(self, size: float, std: float) -> str:
         """As a sentence goes on."""
-        return f"{self.more if size > 0.0 else self.less} {100.0 * abs(size):.0f} ± {100.0 * std:.1f} %"
+        return f"{self.more if size > 0.0 else self.less} {with_error(100.0 * abs(size), 100.0 * std)} %"
 
 
 FAULTS: dict[str, Fault] = {

@@ -29,6 +29,7 @@ import numpy.typing as npt
 from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, AerodynamicModel
 from aircraft_sysid_ros.aircraft.fleet_prior import FleetPrior
 from aircraft_sysid_ros.identification.thresholds import THRESHOLDS
+from aircraft_sysid_ros.rounding import with_error
 
 Array = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
@@ -117,8 +118,8 @@ def contradiction(names: Sequence[str], value: Array, std: Array, is_used: Bools
     j = int(np.argmax(apart))
     if apart[j] <= THRESHOLDS.prior_sigma:
         return ""
-    of_prior = prior.information[j] ** -0.5
-    return f"{names[j]} is {value[j]:.3g} ± {std[j]:.2g}, and {prior.flights} say {prior.mean[j]:.3g} ± {of_prior:.2g}"
+    earlier = with_error(float(prior.mean[j]), float(prior.information[j]) ** -0.5)
+    return f"{names[j]} is {with_error(float(value[j]), float(std[j]))}, and {prior.flights} say {earlier}"
 
 
 class FleetKnowledge:

@@ -11,6 +11,8 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from aircraft_sysid_ros.rounding import fixed, with_error
+
 OK, WARN, ERROR, STALE = 0, 1, 2, 3
 #: Of `status` of a parameter: words and level.
 TRUST = {0: ("USE", OK), 1: ("HOLD", WARN), 2: ("REJECT", ERROR)}
@@ -39,11 +41,11 @@ def state_leaf(state: Any) -> Leaf:
     roll, pitch, yaw = (angle * _DEGREES for angle in state.euler)
     numbers = {
         "true_airspeed [m/s]": f"{state.true_airspeed:.2f}",
-        "angle_of_attack [deg]": f"{state.angle_of_attack * _DEGREES:.2f}",
-        "sideslip [deg]": f"{state.sideslip * _DEGREES:.2f}",
-        "roll, pitch, yaw [deg]": f"{roll:.1f} {pitch:.1f} {yaw % 360.0:.1f}",
-        "height [m]": f"{-state.position_ned[2]:.1f}",
-        "wind NED [m/s]": " ".join(f"{value:.2f}" for value in state.wind_ned),
+        "angle_of_attack [deg]": fixed(state.angle_of_attack * _DEGREES, 2),
+        "sideslip [deg]": fixed(state.sideslip * _DEGREES, 2),
+        "roll, pitch, yaw [deg]": f"{fixed(roll, 1)} {fixed(pitch, 1)} {yaw % 360.0:.1f}",
+        "height [m]": fixed(-state.position_ned[2], 1),
+        "wind NED [m/s]": " ".join(fixed(value, 2) for value in state.wind_ned),
         "innovation_consistency": f"{state.innovation_consistency:.2f}",
         "fused, rejected, late": f"{state.fused} {state.rejected} {state.late}",
     }
@@ -82,7 +84,7 @@ def parameter_leaves(parameters: Any) -> list[Leaf]:
     leaves = []
     for p in parameters.parameters:
         word, level = TRUST.get(p.status, ("unknown", ERROR))
-        shown = f"{p.value:.4g} ± {p.standard_deviation:.2g}" if math.isfinite(p.value) else "never learnt"
+        shown = with_error(p.value, p.standard_deviation) if math.isfinite(p.value) else "never learnt"
         reason = f": {p.reason}" if p.reason else ""
         leaves.append(Leaf(f"parameters/{p.name}", level, f"{word} {shown}{reason}"))
     counts = {word: sum(leaf.message.startswith(word) for leaf in leaves) for word, _ in TRUST.values()}

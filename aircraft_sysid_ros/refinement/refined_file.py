@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from aircraft_sysid_ros.identification.trust import Trust
+from aircraft_sysid_ros.rounding import with_error
 from aircraft_sysid_ros.run_reader import UNREADABLE
 
 #: Filter error, which assumes less, comes last: it has the last word.
@@ -39,7 +40,7 @@ def with_contradictions(folder: Path, parameters: Mapping[str, dict[str, Any]]) 
             if refined["status"] == Trust.USE.name:
                 doubted.pop(name, None)
             elif known.get("status") == Trust.USE.name and refined["reason"] == says_otherwise(known["value"]):
-                value = f"{refined['value']:.3g} ± {refined['std']:.2g}"
+                value = with_error(refined["value"], refined["std"])
                 doubted[name] = f"{method} of this flight says {value}, beyond the errors of both: use neither value"
     held = {name: {"status": Trust.HOLD.name, "reason": reason} for name, reason in doubted.items()}
     return {name: {**p, **held.get(name, {})} for name, p in parameters.items()}

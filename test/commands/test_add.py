@@ -85,4 +85,4 @@ def test_a_term_of_which_nothing_is_known_is_told_with_its_reason():
     }  # fmt: skip
     assert "CZ_flaps is not known: not enough motion yet" in render(result)
     parameter |= {"value": -16.0, "std": 2e4, "reason": "its standard error is 125000 % of its value"}
-    assert "CZ_flaps = -16 ± 2e+04, HOLD: its standard error is 125000 % of its value" in render(result)
+    assert "CZ_flaps = 0 ± 20000, HOLD: its standard error is 125000 % of its value" in render(result)

@@ -683,7 +683,7 @@ def test_of_a_vane_that_is_bent_in_flight_no_zero_is_given(aircraft, flight):
 def test_a_number_ends_where_its_error_does():
     fact = {"title": "pitch damping", "value": -6.7271, "std": 0.0822, "unit": "per rad", "words": "damped"}
     assert "−6.727 ± 0.082 per rad" in explain_command._fact_line(fact)
-    assert "3.34 deg" in explain_command._fact_line({**fact, "value": 3.341, "std": None, "unit": "deg"})
+    assert "3.3 deg" in explain_command._fact_line({**fact, "value": 3.341, "std": None, "unit": "deg"})
 
 
 @pytest.mark.parametrize(

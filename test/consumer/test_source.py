@@ -82,7 +82,7 @@ def test_an_axis_of_which_a_part_falls_back_to_what_does_not_fit_is_not_live(con
         source.offer(second * SECOND, content(status=(0, 1, 0), **learnt))
         values = source.at(second * SECOND, HERE)
         assert (values["Cm_0"].origin == Origin.LIVE) == (values["Cm_alpha"].origin == Origin.HELD) == (second == 60)
-    assert "Cm_alpha is kept at -1 and published as -3 ± 0.02" in values["Cm_0"].reason
+    assert "Cm_alpha is kept at -1 and published as -3.000 ± 0.020" in values["Cm_0"].reason
     source.offer(151 * SECOND, content(**learnt))
     assert set(source.at(151 * SECOND, HERE).origin[:3]) == {Origin.LIVE}  # known again
 

@@ -75,7 +75,7 @@ def test_only_what_is_to_use_can_contradict():
     prior = AxisPrior(np.array([1.0, 2.0]), np.array([100.0, 0.0]), "9 flights of N1")
     value, std, used = np.array([1.6, -5.0]), np.array([0.02, 0.01]), np.array([True, True])
     said = contradiction(["Cl_p", "Cl_da"], value, std, used, prior)
-    assert said == "Cl_p is 1.6 ± 0.02, and 9 flights of N1 say 1 ± 0.1"
+    assert said == "Cl_p is 1.600 ± 0.020, and 9 flights of N1 say 1.00 ± 0.10"
     assert contradiction(["Cl_p", "Cl_da"], value, std, ~used, prior) == ""
     assert contradiction(["Cl_p", "Cl_da"], np.array([1.4, -5.0]), std, used, prior) == ""
 
@@ -94,7 +94,7 @@ def test_a_prior_is_dropped_for_good(aircraft):
         if not found:
             knowledge.look(4, value, std, np.full(4, False), 12.0)
         assert bool(knowledge.axes[4].dropped) == dropped
-    assert knowledge.json == {"Cm": "dropped at 12.0 s: Cm_de is -0.4 ± 0.01, and flights say -0.8 ± 0.04"}
+    assert knowledge.json == {"Cm": "dropped at 12.0 s: Cm_de is -0.400 ± 0.010, and flights say -0.800 ± 0.040"}
     assert knowledge.axes[0] is None
 
 

@@ -80,7 +80,7 @@ def test_parameters_say_what_may_be_used():
     assert (branch.level, branch.message) == (OK, "1 USE, 1 HOLD, 1 REJECT")
     assert [leaf.level for leaf in leaves] == [OK, WARN, ERROR]
     assert [leaf.message for leaf in leaves] == [
-        "USE -4.5 ± 0.1", "HOLD never learnt: not excited", "REJECT 9 ± 1: beyond physics",
+        "USE -4.50 ± 0.10", "HOLD never learnt: not excited", "REJECT 9.0 ± 1.0: beyond physics",
     ]  # fmt: skip
     assert parameter_leaves(Said(model="m", parameters=listed[1:]))[0].level == WARN
 

@@ -48,6 +48,7 @@ from aircraft_sysid_ros.flight_model.modes import (
     modes_of,
     steady_flight,
 )
+from aircraft_sysid_ros.rounding import with_error
 
 Array = npt.NDArray[np.float64]
 Verdicts = Mapping[str, tuple[str, str]]
@@ -259,7 +260,7 @@ def _apart(name: str, whole: tuple[float, float], learnt: tuple[float, float] | 
     """Why a value and standard error of the whole flight do not count beside those learnt in flight; empty: they do."""
     if learnt is None or not abs(whole[0] - learnt[0]) > _APART * np.hypot(whole[1], learnt[1]):
         return ""
-    return f"{name} is {learnt[0]:.3g} ± {learnt[1]:.2g} as learnt in flight, but {whole[0]:.3g} over the whole flight"
+    return f"{name} is {with_error(*learnt)} as learnt in flight, but {with_error(*whole)} over the whole flight"
 
 
 def _not_below(covariance: Array, names: list[str], estimates: Mapping[str, tuple[float, float]]) -> Array:
@@ -363,8 +364,8 @@ def _stall(learnt: Learnt, onset: float | None) -> list[Fact]:
         words = f"the stall begins at {onset / _DEGREE:.1f}°, half of the flight is below {usual / _DEGREE:.1f}°"
         return [Fact("stall_margin", "stall", "margin to the stall", (onset - usual) / _DEGREE, np.nan, "deg", words)]
     words = (
-        f"at least: half of the flight is below {usual / _DEGREE:.1f}°, and it reached {highest / _DEGREE:.1f}° and "
-        f"a lift coefficient of {lift:.2f} without a stall"
+        f"at least, since half of the flight is below {usual / _DEGREE:.1f}°, and it reached {highest / _DEGREE:.1f}° "
+        f"and a lift coefficient of {lift:.2f} without a stall"
     )
     return [Fact("stall_margin", "stall", "margin to the stall", (highest - usual) / _DEGREE, np.nan, "deg", words)]
 

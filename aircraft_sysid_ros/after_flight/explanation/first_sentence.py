@@ -25,6 +25,7 @@ from aircraft_sysid_ros.flight_check.check import SHORTEST
 from aircraft_sysid_ros.flight_check.finding import ABSENT, ERROR, KEEPS_TIME, WARNING, Finding, joined, short_names
 from aircraft_sysid_ros.flight_check.signals import SURFACES
 from aircraft_sysid_ros.identification.conditions import listed
+from aircraft_sysid_ros.rounding import with_error
 
 #: Share of the parameters below which a flight has too little motion: to USE, and that the check says are shown.
 LEAST_USED = 0.4
@@ -254,7 +255,7 @@ def _mass(evidence: Evidence) -> Iterator[Said]:
     stated, shown, std = evidence.mass
     if abs(shown - stated) > max(LEAST_MASS * stated, SURE_MASS * std):
         yield Said(
-            "mass", f"The recorded thrust moves the aeroplane as if its mass were {shown:.3g} ± {std:.2g} kg, and "
+            "mass", f"The recorded thrust moves the aeroplane as if its mass were {with_error(shown, std)} kg, and "
             f"{evidence.states_mass} says {stated:.3g} kg: the mass or the thrust is wrong, and every force "
             "coefficient with it.",
         )  # fmt: skip
@@ -266,7 +267,7 @@ def _balance(evidence: Evidence) -> Iterator[Said]:
         unstable = margin.value + 2.0 * margin.std < 0.0
         how = "unstable in pitch" if unstable else "barely stable in pitch"
         yield Said(
-            "balance", f"The aeroplane is {how}: its static margin is {margin.value:.1f} ± {margin.std:.2g} % of the "
+            "balance", f"The aeroplane is {how}: its static margin is {with_error(margin.value, margin.std)} % of the "
             "chord, so the centre of gravity is too far aft.",
         )  # fmt: skip
 

@@ -155,7 +155,9 @@ def _offset(signal: str, words: str, value: float, std: float) -> InstrumentErro
 
 def _moved(signal: str, words: str, before: Offset, after: Offset) -> InstrumentError:
     """A constant that is another one in the second half of the flight; its number is the change."""
-    first, second = (f"{-_DEGREES * value:+.1f} ± {_DEGREES * std:.1f}°" for value, std, _ in (before, after))
+    first, second = (
+        f"{round(-_DEGREES * value, 1) + 0.0:+.1f} ± {_DEGREES * std:.1f}°" for value, std, _ in (before, after)
+    )
     text = (
         f"{words} is wrong by {first} in the first half of the flight and by {second} in the second: it moves, so no "
         "zero is right for it; fasten it, and do not use it in this flight"

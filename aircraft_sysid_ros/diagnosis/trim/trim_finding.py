@@ -14,6 +14,7 @@ from aircraft_sysid_ros.diagnosis.thresholds import THRESHOLDS
 from aircraft_sysid_ros.diagnosis.trim.trim_change import WINDOW, TrimChange, trim_change
 from aircraft_sysid_ros.effects import BY_ID
 from aircraft_sysid_ros.effects.effect import PULSE, STEP, fill
+from aircraft_sysid_ros.rounding import with_error
 
 _CG, _GEAR, _FLAPS = "cg_shift", "landing_gear", "unrecorded_flaps"
 _ALONG = "along the fuselage"
@@ -87,4 +88,4 @@ def _words(candidate: Candidate, change: TrimChange, data: FlightData) -> str:
     # a slow IMU sees the elevator as too weak in manoeuvres: by a sixth at 10 Hz
     more = ", or up to a fifth more, since the IMU is slow" if data.sparse_interval > 0.0 else ""
     moved, std = abs(change.with_lift) * chord, change.std_with_lift * chord
-    return f"{said}; the centre of gravity is {moved:.2g} ± {std:.1g} m further {where}{more}"
+    return f"{said}; the centre of gravity is {with_error(moved, std)} m further {where}{more}"
