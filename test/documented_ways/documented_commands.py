@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import importlib.util
 import io
 import re
 import runpy
@@ -159,16 +160,15 @@ def parser_of_script(name: str) -> argparse.ArgumentParser:
     def parse_args(parser: argparse.ArgumentParser, *_: object) -> None:
         raise _MadeError(parser)
 
-    path = ROOT / name
-    run: Callable[[], object] = lambda: runpy.run_module(name, run_name="__main__", alter_sys=False)  # noqa: E731
-    if name.endswith(".py"):
-        run = lambda: runpy.run_path(str(path), run_name="__main__")  # noqa: E731
+    # a module by its file, since it may be imported already
+    spec = None if name.endswith(".py") else importlib.util.find_spec(name)
+    path = ROOT / name if spec is None else Path(str(spec.origin))
     with (
         patch.object(argparse.ArgumentParser, "parse_args", parse_args),
         patch.object(sys, "path", [str(path.parent), *sys.path]),
     ):
         try:
-            run()
+            runpy.run_path(str(path), run_name="__main__")
         except _MadeError as made:
             return made.args[0]
     raise AssertionError(f"{name} takes no arguments")
