@@ -168,7 +168,7 @@ def _import_autopilot(
     try:
         log = importer(path, mapping)
     except InputError as error:
-        raise InputError(f"{path}: {error}") from None
+        raise InputError(str(error) if str(path) in str(error) else f"{path}: {error}") from None
     except OSError as error:
         raise InputError(f"cannot read {path}: {error.strerror or error}") from None
     except (LookupError, TypeError, ValueError, OverflowError) as error:  # a name or a shape of another kind of message

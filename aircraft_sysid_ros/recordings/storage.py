@@ -42,7 +42,7 @@ def read_raw(path: str | Path) -> RawMessages:
     except OSError as error:
         raise InputError(f"cannot read the recording {path}: {error.strerror or error}") from None
     if len(messages) == 0:
-        reasons = [note for note in messages.notes if note != losses.NO_CHECKSUMS]
+        reasons = [note.partition(": read ")[0] for note in messages.notes if note != losses.NO_CHECKSUMS]
         why = f" that can be read: {'; '.join(reasons[:_MOST_REASONS])}" if reasons else ""
         raise InputError(f"the recording {path} holds no messages{why}")
     notes = tuple(sorted(messages.notes, key=losses.NO_CHECKSUMS.__eq__))
@@ -112,7 +112,7 @@ def _read_folder(folder: Path) -> RawMessages:
         raise InputError(f"{folder} is not a recording: {reasons}, and it holds no .mcap or .db3 file")
     parts, failures = _read_files(files)
     if not parts:
-        raise InputError("; ".join([failures[0], *problems, *missing]))
+        raise InputError(", and ".join([failures[0], *problems, *missing]))
     messages = _join(parts, failures)
     if metadata.is_compressed or (len(messages) and messages[0].startswith(ZSTD_MAGIC)):
         messages = _decompressed(messages)

@@ -12,6 +12,7 @@ import pytest
 import yaml
 import zstandard
 
+from aircraft_sysid_ros.after_flight.log_import import import_log
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.recordings import losses, mcap_file, mcap_records, mcap_storage
 from aircraft_sysid_ros.recordings.message_types import known_types
@@ -603,3 +604,28 @@ def test_of_the_notes_of_a_recording_some_say_that_part_of_it_is_lost():
     times = np.arange(10) * 10**9
     (lost,) = losses.damage_notes([losses.Damage("a chunk is broken", 4)], times)
     assert losses.losses([losses.NO_CHECKSUMS, losses.NOT_FINISHED, lost]) == [losses.NOT_FINISHED, lost]
+
+
+@pytest.mark.parametrize(
+    ("content", "in_folder", "said"),
+    [
+        (b"", False, "{file} is not an MCAP file: it is empty, damaged or something else"),
+        (b"", True, "{file} is not an MCAP file: it is empty, damaged or something else, and metadata.yaml is missing"),
+        (
+            mcap_file.MAGIC, False,
+            "the recording {file} holds no messages that can be read: "
+            "the recording breaks off (the recorder did not finish it)",
+        ),
+    ],
+)  # fmt: skip
+def test_of_a_file_without_messages_one_sentence_says_why(tmp_path, content, in_folder, said):
+    """That metadata.yaml is missing followed behind a semicolon, "read up to there" behind a colon, and import began
+    with the name of the file twice."""
+    (tmp_path / "bag").mkdir()
+    file = tmp_path / "bag" / "a.mcap"
+    file.write_bytes(content)
+    path = file.parent if in_folder else file
+    for read in (read_raw, lambda path: import_log(path, tmp_path / "out")):
+        with pytest.raises(InputError) as refused:
+            read(path)
+        assert str(refused.value) == said.format(file=file)
