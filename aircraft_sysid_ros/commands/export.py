@@ -22,7 +22,7 @@ from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.export.exported import loss_line
 from aircraft_sysid_ros.export.from_run import learnt_model
 from aircraft_sysid_ros.export.learnt_model import LearntModel, range_words
-from aircraft_sysid_ros.export.targets import TARGETS, Target, reached, version_of
+from aircraft_sysid_ros.export.targets import LEAST, TARGETS, Target, flown_deflections, version_of
 from aircraft_sysid_ros.identification.coefficients.as_loaded import recorded_mass_properties
 from aircraft_sysid_ros.identification.conditions import listed
 from aircraft_sysid_ros.identification.trust import Trust
@@ -30,6 +30,7 @@ from aircraft_sysid_ros.text_file import write_new, write_whole
 
 _FULL = "degrees of elevator, aileron and rudder at full command, such as 25,20,30"
 _LARGEST_DEFLECTION = 90.0  # [deg]
+_SURFACES = ("elevator", "aileron", "rudder")
 
 #: A surface goes no further than at full command, times this.
 _OVER = 1.25
@@ -78,7 +79,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         "notes": [
             *notes_on(opened, learnt),
             *_late_notes(opened, learnt),
-            *_travel_notes(learnt, full, target),
+            *travel_notes(learnt, full, target),
             *exported.notes,
         ],
     }
@@ -94,14 +95,16 @@ def _late_notes(opened: Run, learnt: LearntModel) -> list[str]:
     ]
 
 
-def _travel_notes(learnt: LearntModel, full: npt.NDArray[np.float64] | None, target: Target) -> list[str]:
+def travel_notes(learnt: LearntModel, full: npt.NDArray[np.float64] | None, target: Target) -> list[str]:
     """That a flight has had to say how far the surfaces go."""
     if full is not None or not target.is_commanded:
         return []
-    travel = "elevator {:.1f}, aileron {:.1f}, rudder {:.1f} deg".format(*np.degrees(reached(learnt)))
-    return [
-        f"no --full-deflection: full command is the largest deflection that was flown, {travel}; give what is there"
-    ]
+    flown = dict(zip(_SURFACES, flown_deflections(learnt), strict=True))
+    moved = [f"{name} {np.degrees(most):.1f}" for name, most in flown.items() if most >= LEAST]
+    still = [name for name, most in flown.items() if most < LEAST]
+    parts = [f"the largest deflection that was flown, {', '.join(moved)} deg"] if moved else []
+    parts += [f"{np.degrees(LEAST):.0f} deg for the {listed(still)}, which went less far"] if still else []
+    return [f"no --full-deflection: full command is {', and '.join(parts)}; give what is there"]
 
 
 def chosen_model(opened: Run, identifier: str | None) -> LearntModel:
@@ -202,7 +205,7 @@ def check_travel(learnt: LearntModel, full: npt.NDArray[np.float64] | None) -> N
     """Raises InputError where surfaces went further in the flight than at full command: those are no degrees."""
     if full is None:
         return
-    for name, flown, most in zip(("elevator", "aileron", "rudder"), *np.degrees([reached(learnt), full]), strict=True):
+    for name, flown, most in zip(_SURFACES, *np.degrees([flown_deflections(learnt), full]), strict=True):
         if flown > _OVER * most:
             raise InputError(
                 f"--full-deflection says {most:.3g} deg of {name} at full command, but it reached {flown:.3g} deg in "

@@ -2,8 +2,8 @@
 
 Coefficients stay in body axes (axes X, Y, Z, ROLL, PITCH, YAW), so that every term is held as it is. Numbers are
 written in JSBSim's own units, since its conversions of metric units are rounded. Surfaces are the sum of a command,
-times the largest deflection that was learnt in, and of a property in rad; thrust is a property in N: the flight has
-not shown how throttle makes thrust.
+times the deflection at full command, and of a property in rad; thrust is a property in N: the flight has not shown how
+throttle makes thrust.
 """
 
 from __future__ import annotations

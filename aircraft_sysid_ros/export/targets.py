@@ -16,6 +16,8 @@ from aircraft_sysid_ros.export.matlab import export_matlab
 from aircraft_sysid_ros.export.table import export_table
 
 Array = npt.NDArray[np.float64]
+#: Deflection [rad] at full command of a surface that hardly moved.
+LEAST = np.radians(1.0)
 #: Model, full deflections (3,) [rad] or None, version.
 Writer = Callable[[LearntModel, Array | None, str], Exported]
 
@@ -30,10 +32,14 @@ class Target:
     is_commanded: bool = False  # its surfaces go from -1 to 1, so that it must know how far that is
 
 
+def flown_deflections(learnt: LearntModel) -> Array:
+    """Largest deflections (3,) [rad] of elevator, aileron and rudder that were learnt in; 0 where none was."""
+    return np.array([max(map(abs, learnt.ranges.get(name, (0.0, 0.0)))) for name in SURFACES])
+
+
 def reached(learnt: LearntModel) -> Array:
-    """Largest deflections (3,) [rad] of elevator, aileron and rudder that were learnt in; 1 deg where none was."""
-    limits = [learnt.ranges.get(name, (0.0, 0.0)) for name in SURFACES]
-    return np.array([max(abs(low), abs(high), np.radians(1.0)) for low, high in limits])
+    """Full command (3,) [rad] of elevator, aileron and rudder as far as the flight says it: at least ``LEAST``."""
+    return np.maximum(flown_deflections(learnt), LEAST)
 
 
 def _commanded(write: Callable[[LearntModel, Array], Exported]) -> Writer:

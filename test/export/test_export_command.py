@@ -14,6 +14,7 @@ import pytest
 import yaml
 from scipy.io import loadmat
 
+from aircraft_sysid_ros.commands.export import check_travel, travel_notes
 from aircraft_sysid_ros.commands.main import main
 from aircraft_sysid_ros.export.exported import loss_line
 from aircraft_sysid_ros.export.learnt_model import percent
@@ -251,3 +252,25 @@ def test_only_of_surfaces_that_follow_later_servos_are_told_to_be_late(exported_
     notes = answer(capsys, "export", run, "--to", "csv", "--out", tmp_path / "a.csv")["notes"]
     assert any("give the servos of the other program the same" in note for note in notes) is later
     assert not any("earlier" in note for note in notes)
+
+
+def test_of_a_surface_that_hardly_moved_it_is_not_said_that_it_went_further(learnt):
+    """Full command was "the largest deflection that was flown, … rudder 1.0 deg" of one that never moved, and the true
+    half a degree of its travel was refused since it had "reached 1 deg"."""
+
+    def flown(**degrees):
+        rows, names = learnt.signals.copy(), learnt.model.signal_names
+        for name, most in degrees.items():
+            rows[:, names.index(name)] *= np.radians(most) / np.abs(learnt.signal(name)).max()
+        return replace(learnt, signals=rows)
+
+    def travel(**degrees):
+        (note,) = travel_notes(flown(**degrees), None, TARGETS["jsbsim"])
+        return note.removeprefix("no --full-deflection: full command is ").removesuffix("; give what is there")
+
+    moved = {"de": 18.2, "da": 5.9}
+    both = "the largest deflection that was flown, elevator 18.2, aileron 5.9"
+    assert travel(**moved, dr=1.3) == f"{both}, rudder 1.3 deg"
+    assert travel(**moved, dr=0.0) == f"{both} deg, and 1 deg for the rudder, which went less far"
+    assert travel(de=0.5, da=0.0, dr=0.0) == "1 deg for the elevator, aileron and rudder, which went less far"
+    check_travel(flown(dr=0.3), np.radians([25.0, 20.0, 0.5]))
