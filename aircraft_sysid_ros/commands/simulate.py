@@ -13,6 +13,7 @@ from aircraft_sysid_ros.aircraft.configuration import load_aircraft
 from aircraft_sysid_ros.config_files import DEFAULT_AIRCRAFT, config_path
 from aircraft_sysid_ros.effects import BY_ID
 from aircraft_sysid_ros.errors import InputError, echo
+from aircraft_sysid_ros.rounding import fixed
 from aircraft_sysid_ros.sensors.sensor_models import SensorOptions
 from aircraft_sysid_ros.simulation.calibration_flight import CALIBRATION_AIRCRAFT, DURATION, calibration_flight
 from aircraft_sysid_ros.simulation.calibration_plan import CALIBRATION
@@ -114,13 +115,13 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
 def render(result: dict[str, Any]) -> str:
     """The summary for people."""
-    degrees = {name: [np.degrees(x) for x in result[name]] for name in ("alpha", "beta")}
+    degrees = {name: [fixed(np.degrees(x), 1) for x in result[name]] for name in ("alpha", "beta")}
     lines = [
         f"{result['aircraft']}: {result['duration']:g} s of flight in {result['computing_time']:.1f} s",
         *(f"  hidden effect    {effect}" for effect in result["effects"]),
         f"  airspeed         {result['airspeed'][0]:.1f} to {result['airspeed'][1]:.1f} m/s",
-        f"  angle of attack  {degrees['alpha'][0]:.1f} to {degrees['alpha'][1]:.1f} deg",
-        f"  sideslip         {degrees['beta'][0]:.1f} to {degrees['beta'][1]:.1f} deg",
+        f"  angle of attack  {degrees['alpha'][0]} to {degrees['alpha'][1]} deg",
+        f"  sideslip         {degrees['beta'][0]} to {degrees['beta'][1]} deg",
         f"  height           {result['height'][0]:.0f} to {result['height'][1]:.0f} m",
         f"  messages         {', '.join(f'/{topic} {n}' for topic, n in result['messages'].items())}",
         f"recording {result['recording']}",

@@ -20,7 +20,7 @@ from aircraft_sysid_ros.export.learnt_model import SURFACES, LearntModel
 from aircraft_sysid_ros.export.level_flight import LevelFlight, moment_signs
 from aircraft_sysid_ros.export.rate_loops import ROLL, RateLoop
 from aircraft_sysid_ros.identification.trust import Trust
-from aircraft_sysid_ros.rounding import with_error
+from aircraft_sysid_ros.rounding import fixed, with_error
 
 Array = npt.NDArray[np.float64]
 
@@ -132,8 +132,8 @@ def px4_file(comments: Sequence[str], entries: Sequence[Entry], proposed: Sequen
     lines = [f"# {line}" for line in comments]
     lines += [f"# {_described(entry)}" for entry in (*entries, *proposed) if entry.what]
     lines.append("# Vehicle-Id Component-Id Name Value Type")
-    lines += [f"{'#' * bool(e.doubt)}1\t1\t{e.name}\t{e.value:.6f}\t{_REAL32}" for e in entries]
-    lines += [f"#1\t1\t{entry.name}\t{entry.value:.6f}\t{_REAL32}" for entry in proposed]
+    lines += [f"{'#' * bool(e.doubt)}1\t1\t{e.name}\t{fixed(e.value, 6)}\t{_REAL32}" for e in entries]
+    lines += [f"#1\t1\t{entry.name}\t{fixed(entry.value, 6)}\t{_REAL32}" for entry in proposed]
     return "\n".join(lines) + "\n"
 
 
@@ -141,7 +141,7 @@ def arduplane_file(comments: Sequence[str], entries: Sequence[Entry]) -> str:
     """A parameter file of ArduPilot's ground stations."""
     lines = [f"# {line}" for line in comments]
     lines += [f"# {_described(entry)}" for entry in entries if entry.what]
-    lines += [f"{entry.name},{entry.value:.6f}" for entry in entries]
+    lines += [f"{entry.name},{fixed(entry.value, 6)}" for entry in entries]
     return "\n".join(lines) + "\n"
 
 

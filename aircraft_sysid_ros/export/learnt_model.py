@@ -19,6 +19,7 @@ from aircraft_sysid_ros.aircraft.aerodynamic_model import AXES, AerodynamicModel
 from aircraft_sysid_ros.aircraft.configuration import Aircraft
 from aircraft_sysid_ros.aircraft.rigid_body import coefficients_about_gravity
 from aircraft_sysid_ros.errors import InputError
+from aircraft_sysid_ros.rounding import fixed
 
 Array = npt.NDArray[np.float64]
 
@@ -27,11 +28,13 @@ ALWAYS_RANGED = ("V", "alpha", "beta", "p", "q", "r", "de", "da", "dr")
 SURFACES = ("de", "da", "dr")
 ENGINE = frozenset({"Tc", "throttle", "propeller_speed"})
 UNITS = {
-    "V": "m/s", "qbar": "Pa", "height": "m", "propeller_speed": "rad/s", "time": "s", "mach": "-", "throttle": "-",
-    "Tc": "-", "p": "pb/2V", "q": "qc/V", "r": "rb/2V", "alpha_dot": "c/V", "beta_dot": "b/2V",
+    "V": "m/s", "qbar": "Pa", "height": "m", "propeller_speed": "rad/s", "time": "s", "p": "pb/2V", "q": "qc/V",
+    "r": "rb/2V", "alpha_dot": "c/V", "beta_dot": "b/2V",
 }  # fmt: skip
 #: Draws from the covariance for standard errors of what is worked out from the parameters: theirs is a tenth of them.
 DRAWS = 50
+#: Share of the larger end of a range below which the other one is 0 to people.
+_NOTHING = 1e-6
 #: What a model has worked out that does not depend on the values of its parameters.
 _OF_ROWS = {"terms", "ranges"}
 _ANGLES = ("alpha", "beta", "de", "da", "dr", "flaps")
@@ -282,11 +285,15 @@ def not_held(learnt: LearntModel, held: Mapping[str, Sequence[str]]) -> list[str
 
 
 def range_words(learnt: LearntModel) -> list[str]:
-    """The range in which the model was learnt, a line for each signal; angles in rad and degrees."""
+    """The range in which the model was learnt, a line for each signal; angles in rad and degrees.
+
+    What is next to nothing beside the other end is 0.
+    """
     lines = []
-    for name, (low, high) in learnt.ranges.items():
+    for name, ends in learnt.ranges.items():
+        low, high = (end if abs(end) > _NOTHING * max(map(abs, ends)) else 0.0 for end in ends)
         if name in _ANGLES:
-            degrees = f" ({np.degrees(low):.1f} to {np.degrees(high):.1f} deg)"
+            degrees = f" ({fixed(np.degrees(low), 1)} to {fixed(np.degrees(high), 1)} deg)"
             lines.append(f"{name}: {low:.4g} to {high:.4g} rad{degrees}")
         else:
             lines.append(f"{name}: {low:.4g} to {high:.4g} {UNITS.get(name, '')}".rstrip())

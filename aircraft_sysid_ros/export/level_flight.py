@@ -13,6 +13,7 @@ from aircraft_sysid_ros.aircraft.atmosphere import STANDARD_GRAVITY
 from aircraft_sysid_ros.aircraft.signals import CONTROL_WORDS
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.export.learnt_model import SURFACES, LearntModel, that_go_with_time, thrust_part
+from aircraft_sysid_ros.rounding import fixed
 
 Array = npt.NDArray[np.float64]
 
@@ -157,16 +158,16 @@ def slopes(learnt: LearntModel, signals: Array) -> Array:
 def level_words(level: LevelFlight) -> str:
     """A trim in words."""
     surfaces = "".join(
-        f", {CONTROL_WORDS[name]} {np.degrees(value):.2f} deg"
+        f", {CONTROL_WORDS[name]} {fixed(np.degrees(value), 2)} deg"
         for name, value in zip(SURFACES, level.surfaces, strict=True)
         if name in level.moved
     )
-    bank = f", bank {np.degrees(level.bank):.2f} deg" if level.bank else ""
-    thrust = f", thrust {level.thrust:.2f} N" if np.isfinite(level.thrust) else ""
+    bank = f", bank {fixed(np.degrees(level.bank), 2)} deg" if level.bank else ""
+    thrust = f", thrust {fixed(level.thrust, 2)} N" if np.isfinite(level.thrust) else ""
     outside = f"; outside of the learnt range: {', '.join(level.outside)}" if level.outside else ""
     return (
         f"level flight at {level.airspeed:.2f} m/s (calibrated {level.calibrated_airspeed:.2f}): angle of attack "
-        f"{np.degrees(level.alpha):.2f} deg{surfaces}{bank}{thrust}{outside}"
+        f"{fixed(np.degrees(level.alpha), 2)} deg{surfaces}{bank}{thrust}{outside}"
     )
 
 

@@ -55,7 +55,7 @@ def export_px4(learnt: LearntModel, full: Array | None, version: str = VERSIONS[
         )
     if full is None:
         notes.append("no TRIM_*: give --full-deflection, the degrees of elevator, aileron and rudder at full command")
-    notes.append("gains: aircraft-sysid gains RUN --to px4")
+    notes.append("gains: aircraft-sysid gains RUN --to px4 --full-deflection E,A,R")
     std = standard_errors(learnt, lambda model: {e.name: e.value for e in _entries(model, full)})
     std |= standard_errors(learnt, lambda model: {e.name: e.value for e in wind_estimator(model)[0]})
     proposed, misses = wind_estimator(learnt)

@@ -26,7 +26,7 @@
   function rounded(plot, trace, value) {
     const [low, high] = axisOf(plot, trace).range;
     const places = Math.min(Math.max(Math.ceil(Math.log10(200 / Math.abs(high - low))), 0), 12);
-    return value.toFixed(places).replace("-", "−");
+    return value.toFixed(places).replace(/^-(?=[0.]*$)/, "").replace("-", "−");
   }
 
   // The lines of a plot with their points nearest to a time.

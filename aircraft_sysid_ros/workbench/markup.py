@@ -39,12 +39,12 @@ _OF_STATE = (
 
 def number(value: float | None, digits: int = 4) -> str:
     """Significant digits, with a true minus; a dash where it is not known."""
-    return "–" if value is None else f"{value:.{digits}g}".replace("-", "−")
+    return "–" if value is None else f"{value + 0.0:.{digits}g}".replace("-", "−")
 
 
 def figures(value: float | None, digits: int = 3) -> str:
     """As many significant digits in every row of a table: 0.0750 beneath 0.0756."""
-    return "–" if value is None else f"{value:#.{digits}g}".rstrip(".").replace("-", "−")
+    return "–" if value is None else f"{value + 0.0:#.{digits}g}".rstrip(".").replace("-", "−")
 
 
 def thousands(count: int) -> str:

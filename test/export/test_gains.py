@@ -13,10 +13,10 @@ from aircraft_sysid_ros.aircraft.aerodynamic_model import model_from_terms
 from aircraft_sysid_ros.aircraft.configuration import aircraft_from_dict
 from aircraft_sysid_ros.commands import gains as gains_command
 from aircraft_sysid_ros.errors import InputError
-from aircraft_sysid_ros.export.autopilot_parameters import arduplane_gains, px4_gains
+from aircraft_sysid_ros.export.autopilot_parameters import Entry, arduplane_gains, px4_file, px4_gains
 from aircraft_sysid_ros.export.gains import gains
 from aircraft_sysid_ros.export.jsbsim import export_jsbsim
-from aircraft_sysid_ros.export.learnt_model import Parameter
+from aircraft_sysid_ros.export.learnt_model import Parameter, range_words
 from aircraft_sysid_ros.export.level_flight import airspeeds_of, level_flight, level_words
 from aircraft_sysid_ros.export.rate_loops import PITCH, ROLL, Actuator, actuator_of, design
 from aircraft_sysid_ros.simulation.simulated_flight import default_aircraft
@@ -305,3 +305,17 @@ def test_without_the_moment_of_the_elevator_level_flight_has_the_angle_that_carr
     assert level.surfaces[0] == np.median(learnt.signal("de"))
     with pytest.raises(InputError, match="Cm_de is not known: move that surface"):
         design(unmoved, PITCH, ACTUATOR)
+
+
+def test_nothing_has_a_negative_zero(learnt):
+    """A wing was told to bank by -0.00 deg, and PX4 to trim by -0.000000."""
+    level = level_flight(learnt, airspeeds_of(learnt)[0])
+    words = level_words(replace(level, bank=-1e-7, surfaces=np.array([-1e-7, -0.0, 0.0]), thrust=-1e-7))
+    assert "bank 0.00 deg" in words and "elevator 0.00 deg, aileron 0.00 deg" in words and "-0.00" not in words
+    rows, names = learnt.signals.copy(), learnt.model.signal_names
+    rows[:, names.index("dr")] = -0.0
+    rows[:, names.index("Tc")] = np.linspace(5e-32, 0.2255, len(rows))
+    lines = range_words(replace(learnt, signals=rows))
+    assert "dr: 0 to 0 rad (0.0 to 0.0 deg)" in lines and "Tc: 0 to 0.2255" in lines  # it was "5e-32 to 0.2255 -"
+    text = px4_file([], [Entry("TRIM_ROLL", -0.0, what="command"), Entry("TRIM_PITCH", -1e-9, 0.09, "command")])
+    assert "TRIM_ROLL = 0: command" in text and "TRIM_PITCH = 0.000 +- 0.090: command" in text and "-0" not in text

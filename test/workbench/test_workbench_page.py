@@ -183,10 +183,12 @@ def test_values_at_the_pointer_are_those_of_the_time_beside_them(server, open_pa
     page = open_page(server[1])
     assert page.evaluate("document.querySelector('[data-testid=plot-CX]').calcdata[0].length") < len(time)
     box = page.locator(marked("plot-CX") + " .nsewdrag").first.bounding_box()
-    for share in np.linspace(0.03, 0.97, 12):
+    for share in np.linspace(0.03, 0.97, 24):
         page.mouse.move(box["x"] + share * box["width"], box["y"] + 40)
         page.wait_for_timeout(100)
-        text = page.evaluate(READ)[0].replace("−", "-")
+        read = page.evaluate(READ)
+        assert not re.search(r"−0(\.0+)?$", "\n".join(read), re.M), "zero has no sign"
+        text = read[0].replace("−", "-")
         said = dict(line.rsplit(" ", 1) for line in text.splitlines()[1:])
         k = int(np.argmin(np.abs(time - float(text.partition(" s")[0]))))
         lines = {
