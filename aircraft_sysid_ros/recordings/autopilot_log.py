@@ -25,8 +25,10 @@ _GPS_EPOCH, _WEEK = 315_964_800, 604_800
 _LEAPS = (
     (datetime(2017, 1, 1), 18), (datetime(2015, 7, 1), 17), (datetime(2012, 7, 1), 16), (datetime(2009, 1, 1), 15),
 )  # fmt: skip
+_NOT_HEALTHY = ", or none of a sensor that its autopilot calls healthy"
 _INPUTS = {
-    "imu/data": "an IMU", "imu/mag": "a magnetometer", "gps/fix": "a GPS position", "gps/vel": "a GPS velocity",
+    "imu/data": "an IMU" + _NOT_HEALTHY, "imu/mag": "a magnetometer" + _NOT_HEALTHY, "gps/fix": "a GPS position",
+    "gps/vel": "a GPS velocity",
 }  # fmt: skip
 NO_SURFACES = "outputs are recorded, but not what they move: give a calibration file (--servos)"
 
@@ -60,7 +62,7 @@ def import_content(content: LogContent, table: Table, mapping: ServoMapping | No
     if not any(topic.topic in TOPICS for topic in topics):
         held = ", ".join(content.found) or "nothing"
         raise InputError(f"nothing in it can be used: it holds {held[:300]}")
-    missing = _missing(topics, readings, assembler, mapping)
+    missing = what_is_missing(topics, readings, assembler, mapping)
     used = {_source_name(output.source) for output in outputs} | _beside_others(assembler, topics)
     found = _found(content.found, table, readings, used, missing.get("control_surfaces", "").startswith(NO_SURFACES))
     notes = [*content.notes, *_attitude_note(topics, missing, mapping)]
@@ -154,7 +156,7 @@ def _found(
     return {name: {"messages": count, "state": state(name)} for name, count in found.items()}
 
 
-def _missing(
+def what_is_missing(
     topics: list[ImportedTopic], readings: Sequence[Reading], assembler: Assembler, mapping: ServoMapping
 ) -> dict[str, str]:
     """Inputs that the recording does not have, and why."""
@@ -167,6 +169,8 @@ def _missing(
             missing[topic] = f"the log has no message with {what}"
     if "gps/vel" in missing and Quantity.VELOCITY in quantities:
         missing["gps/vel"] = "the GPS velocity in the log is horizontal, and nothing says the vertical one often enough"
+        if any(r.quantity is Quantity.VELOCITY and np.isfinite(r.values).all(axis=1).any() for r in readings):
+            missing["gps/vel"] = "the velocity in the log is that of its autopilot without a GPS fix: dead reckoning"
     air = there.get("air_data")
     for name in ("true_airspeed", "angle_of_attack", "sideslip"):
         if air is None or not np.any(np.isfinite(air.fields[name])):
@@ -192,7 +196,7 @@ def _why_no_flow(name: str, quantities: set[Quantity], sources: set[str], mappin
                 "the autopilot says that it has no airspeed sensor, or none that is healthy, or the log lacks the "
                 "source of the calibration"
             )
-        return "the log has no airspeed, or none of a sensor that its autopilot calls healthy"
+        return "the log has no airspeed" + _NOT_HEALTHY
     if sources & set(COMPUTED_ANGLES) and not mapping.measured_angles:
         return "the autopilot's angles are its own estimates; if vanes feed them, say so: flow_angles: measured"
     return "not measured: the filter works it out from wind and attitude, see docs/mavlink.md"

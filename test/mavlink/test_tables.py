@@ -25,7 +25,7 @@ from aircraft_sysid_ros.mavlink.quantities import (
     with_receiver,
 )
 from aircraft_sysid_ros.mavlink.servo_mapping import servo_mapping_from_dict
-from aircraft_sysid_ros.recordings.autopilot_log import assembled
+from aircraft_sysid_ros.recordings.autopilot_log import assembled, topics_of, what_is_missing
 from aircraft_sysid_ros.ros_messages.conversion import to_samples
 
 STAMP = 1_760_000_000_123_456_789
@@ -463,8 +463,10 @@ def test_a_log_without_any_fix_has_no_dead_reckoning_in_its_place():
         reading(Quantity.POSITION, "GLOBAL_POSITION_INT", 5.0, [0.8, -1.6, 300.0, np.nan, np.nan, np.nan, -2.0]),
         reading(Quantity.VELOCITY, "GLOBAL_POSITION_INT", 5.0, [15.0, 0.0, 0.0]),
     ]
-    made, _ = assembled(readings, MAVLINK, servo_mapping_from_dict({}))
+    made, assembler = assembled(readings, MAVLINK, servo_mapping_from_dict({}))
     assert {(o.topic, o.source) for o in made} == {("gps/fix", "GPS_RAW_INT")}
+    why = what_is_missing(topics_of(made), readings, assembler, servo_mapping_from_dict({}))["gps/vel"]
+    assert "dead reckoning" in why and "horizontal" not in why
 
 
 def test_each_engine_tells_its_own_speed():

@@ -292,6 +292,18 @@ def test_of_two_pitots_that_is_read_which_is_healthy(tmp_path):
     assert not len(of_kind(recording, Kind.AIRSPEED)) and "healthy" in report["missing"]["true_airspeed"]
 
 
+@pytest.mark.parametrize("name", ["IMU", "MAG"])
+def test_of_a_sensor_that_is_never_healthy_it_is_not_said_that_the_log_has_none(tmp_path, name):
+    formats = {**FORMATS, **HEALTH, "MAG": ("QBfffB", "TimeUS,I,MagX,MagY,MagZ,Health")}
+    rows = [(n, (*v, 1, 1) if n == "IMU" else (*v, 1) if n in HEALTH else v) for n, v in dataflash_rows()]
+    rows += [("MAG", (v[0], 0, 200.0, 0.0, 400.0, 1)) for n, v in rows if n == "BARO"]
+    flags = 2 if name == "IMU" else 1
+    log = tmp_path / "flight.bin"
+    log.write_bytes(dataflash(formats, [(n, (*v[:-flags], *[0] * flags) if n == name else v) for n, v in rows]))
+    report, _ = run_import(log, tmp_path / "bag")
+    assert "healthy" in report["missing"][{"IMU": "imu/data", "MAG": "imu/mag"}[name]]
+
+
 def test_an_engine_sensor_without_a_signal_says_nothing(tmp_path):
     """ArduPilot writes -1, which was a speed of -0.1 rad/s."""
     rows = [(name, (values[0], -1.0, -1.0)) if name == "RPM" else (name, values) for name, values in dataflash_rows()]
