@@ -49,6 +49,7 @@ class LiveFlight:
     changes: deque[float] = field(default_factory=lambda: deque(maxlen=MOST_ERRORS))  # times [s] of a new model
     before: Mapping[str, float] = field(default_factory=dict)  # errors by axis of the model before the last change
     inputs: tuple[str, ...] = ()  # that the node's aircraft file names
+    verdict: str = ""  # of the node's newest search, or why there was none, as its diagnostics say; empty: not known
     is_there: bool = False
     was_there: bool = False
     last_heard: float | None = None  # time of the clock [s]
@@ -60,6 +61,12 @@ class LiveFlight:
     def model(self) -> str:
         """Model version of the newest message; empty before the first."""
         return str(self.errors[-1]["model"]) if self.errors else str((self.parameters or {}).get("model", ""))
+
+    @property
+    def found_earlier(self) -> bool:
+        """Whether what was found missing is of another model, or the node knows nothing of it: it was started again."""
+        found = self.missing
+        return found is not None and (found["model"] != self.model or self.verdict not in ("", found["verdict"]))
 
     @property
     def silent(self) -> float | None:
@@ -124,7 +131,7 @@ class LiveFlight:
         self.added = [item for item in self.added if not item.names or item.names & there]
 
     def _missing(self, content: Mapping[str, Any]) -> None:
-        self.missing = content
+        self.missing, self.verdict = content, content["verdict"]
 
 
 def _names(content: Mapping[str, Any] | None) -> Iterable[str]:

@@ -19,7 +19,7 @@ from aircraft_sysid_ros.ros_messages.conversion import nanoseconds_of
 from aircraft_sysid_ros.workbench.live_flight import ERRORS, MISSING, PARAMETERS, STATE
 from aircraft_sysid_ros.workbench.worker import ADD, REMOVE
 
-READY, NO_ROS, PRESENCE, ANSWER, INPUTS = "ready", "no ROS", "presence", "answer", "inputs"
+READY, NO_ROS, PRESENCE, ANSWER, INPUTS, VERDICT = "ready", "no ROS", "presence", "answer", "inputs", "verdict"
 NODE, STATE_NODE = "parameter_estimator", "state_estimator"
 #: Time [s] between states that are passed on, and between looks whether the node is there.
 PERIOD = 0.25
@@ -76,10 +76,11 @@ def missing_content(message: Any) -> dict[str, Any]:
     return {"stamp": nanoseconds_of(message), **content, "candidates": candidates}
 
 
-def inputs_named(message: Any, node: str) -> tuple[str, ...] | None:
-    """Of DiagnosticArray: the inputs that a node says its aircraft file names; None where it is not of that node."""
-    values = [v for status in message.status if status.name == node.lstrip("/") for v in status.values]
-    return next((tuple(v.value.split()) for v in values if v.key == "inputs"), None)
+def diagnosed(message: Any, node: str) -> dict[str, Any]:
+    """Of DiagnosticArray: the inputs that a node's aircraft file names, and what its newest search found in a word."""
+    values = {v.key: v.value for status in message.status if status.name == node.lstrip("/") for v in status.values}
+    said = {INPUTS: tuple(values.get("inputs", "").split()), VERDICT: values.get("missing_effects", "")}
+    return said if values else {}
 
 
 def state_content(message: Any) -> dict[str, Any]:
@@ -137,7 +138,7 @@ class _Link:
         self._hear(msg.ModelError, "model_error", ERRORS, errors_content)
         self._hear(msg.Parameters, "parameters", PARAMETERS, parameters_content, newest_quality())
         self._hear(msg.MissingEffects, "missing_effects", MISSING, missing_content, newest_quality())
-        self._inputs: tuple[str, ...] = ()
+        self._said: dict[str, Any] = {INPUTS: (), VERDICT: ""}  # of the diagnostics
         self._node.create_subscription(DiagnosticArray, "/diagnostics", self._diagnosed, 10)
         newest = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
         # Raw: hundreds of states a second come, and four are read.
@@ -147,11 +148,11 @@ class _Link:
         self._node.create_subscription(kind, f"{NODE}/{topic}", lambda m: self._pipe.send((name, content(m))), quality)
 
     def _diagnosed(self, message: Any) -> None:
-        """Of all diagnostics: which inputs the aircraft file of the parameter node names."""
-        names = inputs_named(message, f"{self._node.get_namespace().rstrip('/')}/{NODE}")
-        if names is not None and names != self._inputs:
-            self._inputs = names
-            self._pipe.send((INPUTS, names))
+        """Of all diagnostics: what the parameter node says anew."""
+        for name, said in diagnosed(message, f"{self._node.get_namespace().rstrip('/')}/{NODE}").items():
+            if said != self._said[name]:
+                self._said[name] = said
+                self._pipe.send((name, said))
 
     def _keep(self, state: bytes) -> None:
         self._state = state

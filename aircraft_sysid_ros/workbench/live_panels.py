@@ -88,7 +88,9 @@ class LiveModelPanel(LivePanel):
         """Draw all axes in the newest window."""
         flight = self.flight
         errors = list(flight.errors)
-        rows = live.axis_rows(errors[-1] if errors else None, live.failing_axes(flight.missing, flight.model))
+        rows = live.axis_rows(
+            errors[-1] if errors else None, set() if flight.found_earlier else live.failing_axes(flight.missing)
+        )
         for row in rows:
             box, head, found = self._plots[row.axis]
             head.show(markup.axis_head(row))
@@ -123,19 +125,21 @@ class LiveWhyPanel(SidePanel):
         """Cards that are open stay open while nothing new was found."""
         flight = self.page.session.flight
         found, added = flight.missing, [item.text for item in flight.added]
-        stale = found is not None and found["model"] != flight.model
-        if (found, added, stale) == self._shown:
+        stale, of_model = flight.found_earlier, found is not None and found["model"] != flight.model
+        if (found, added, stale, of_model) == self._shown:
             return
-        self._shown = (found, added, stale)
+        self._shown = (found, added, stale, of_model)
         self._cards.clear()
         if found is None or not found["verdict"]:
             self._verdict.text = "Not looked for yet"
             self._words.show("The node searches by itself, from about a minute and a half of flight on.")
             return
-        self._verdict.text = EARLIER if stale else sentence(headline(found))
+        self._verdict.text = sentence(headline(found))
         words = found["advice"]
         if stale:
-            words = f"This was found for model {found['model']}. The node searches again by itself."
+            self._verdict.text = EARLIER if of_model else "Found earlier"
+            found_by = f"for model {found['model']}" if of_model else "before the node was started again"
+            words = f"This was found {found_by}. The node searches again by itself."
         self._words.show(typeset(words))
         with self._cards:
             for number, shown in enumerate(live.cards(found)):

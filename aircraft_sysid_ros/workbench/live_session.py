@@ -8,7 +8,7 @@ from collections.abc import Callable
 
 from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.workbench.live_flight import LiveFlight
-from aircraft_sysid_ros.workbench.live_link import ANSWER, INPUTS, NO_ROS, NODE, PRESENCE, READY, start_link
+from aircraft_sysid_ros.workbench.live_link import ANSWER, INPUTS, NO_ROS, NODE, PRESENCE, READY, VERDICT, start_link
 from aircraft_sysid_ros.workbench.worker import Job
 
 #: Longest wait [s] for something in the pipe before it is seen whether the session is closed.
@@ -90,6 +90,8 @@ class LiveSession:
             self._answered(content)
         elif kind == INPUTS:
             self.flight.inputs = content  # type: ignore[assignment]
+        elif kind == VERDICT:
+            self.flight.verdict = str(content)
         else:
             self._of_flight(lambda: self.flight.take(kind, content))  # type: ignore[arg-type]
             return

@@ -74,6 +74,19 @@ def test_what_was_said_before_anybody_heard_does_not_count_as_heard() -> None:
     assert [row["time"] for row in flight.errors] == [0.0] and flight.silent < 60.0
 
 
+def test_what_was_found_is_of_earlier_where_the_model_is_another_or_the_node_has_not_found_it() -> None:
+    """Of a node that was started again it stood as its own until its next search, a minute of flight later."""
+    flight = LiveFlight()
+    flight.take("errors", errors(0.0))
+    flight.take("missing", {"stamp": 1000 * SECOND, "model": "a", "verdict": "missing", "candidates": [], "advice": ""})
+    assert not flight.found_earlier
+    for verdict, is_earlier in (("missing", False), ("not looked for yet", True), ("missing", False)):
+        flight.verdict = verdict
+        assert flight.found_earlier == is_earlier
+    flight.take("errors", errors(1.0, "b"))
+    assert flight.found_earlier
+
+
 def test_what_was_added_is_known_until_its_terms_are_gone() -> None:
     flight = LiveFlight()
     flight.take("errors", errors(0.0, "a", 0.3))
@@ -135,7 +148,7 @@ def test_white_is_what_is_not_correlated_where_windows_share_nothing() -> None:
 def test_rows_cards_and_figures() -> None:
     assert {row.state for row in live.axis_rows(None)} == {NO_DATA}
     missing = {"model": "a", "verdict": "missing", "advice": "", "candidates": [candidate()]}
-    assert live.failing_axes(missing, "a") == {"Cl"} and not live.failing_axes(missing, "b")
+    assert live.failing_axes(missing) == {"Cl"} and not live.failing_axes(None)
     row = next(row for row in live.axis_rows(errors(0.0), {"Cl"}) if row.axis == "Cl")
     assert (row.held_out, row.state, row.floor) == (0.3, FAILS, pytest.approx(0.075))
     for over_noise, state in ((1.5, NOISE), (4.0, MORE), (np.nan, SHORT)):

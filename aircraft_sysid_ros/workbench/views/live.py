@@ -59,9 +59,9 @@ def _row(name: str, values: Mapping[str, float] | None, fails: bool) -> AxisRow:
     return AxisRow(name, AXIS_WORDS[name], values["nrmse"], None, values["nrmse"] / over_noise, state)
 
 
-def failing_axes(missing: Mapping[str, Any] | None, model: str) -> set[str]:
-    """Axes that the best candidate of the newest search is about, where that was of this model."""
-    if missing is None or missing["model"] != model or missing["verdict"] == "none" or not missing["candidates"]:
+def failing_axes(missing: Mapping[str, Any] | None) -> set[str]:
+    """Axes that the best candidate of the newest search is about."""
+    if missing is None or missing["verdict"] == "none" or not missing["candidates"]:
         return set()
     return set(missing["candidates"][0]["axes"])
 
