@@ -40,22 +40,24 @@ def node(operation: str, *arguments: Element) -> Element:
 def function_of(text: str, properties: Mapping[str, str], lags: Mapping[str, str]) -> Element:
     """A term (canonical text of ``expression.Program``) with the property of each signal and of each lag.
 
-    It is 0 where a root in it is one of a negative number, as it is learnt.
+    It is 0 where a root in it is one of a negative number or something is divided by 0, as it is learnt.
     """
     tree = ast.parse(text, mode="eval").body
-    guards = [node("ge", _element(under, properties, lags), number(0.0)) for under in _under_roots(tree)]
+    guards = [node(what, _element(part, properties, lags), number(0.0)) for what, part in _conditions(tree)]
     term = _element(tree, properties, lags)
     return node("product", *guards, term) if guards else term
 
 
-def _under_roots(tree: ast.AST) -> Iterator[ast.expr]:
-    """What roots are taken of, but within lags, which are elements of their own."""
+def _conditions(tree: ast.AST) -> Iterator[tuple[str, ast.expr]]:
+    """How what roots are taken of, and what is divided by, must be to 0; but within lags, elements of their own."""
     name = ast.unparse(tree.func) if isinstance(tree, ast.Call) else ""
     if isinstance(tree, ast.Call) and name == "sqrt":
-        yield tree.args[0]
+        yield "ge", tree.args[0]
+    if isinstance(tree, ast.BinOp) and isinstance(tree.op, ast.Div) and not isinstance(tree.right, ast.Constant):
+        yield "nq", tree.right
     if name not in _WITH_MEMORY:
         for child in ast.iter_child_nodes(tree):
-            yield from _under_roots(child)
+            yield from _conditions(child)
 
 
 def _element(tree: ast.expr, properties: Mapping[str, str], lags: Mapping[str, str]) -> Element:
@@ -71,6 +73,9 @@ def _element(tree: ast.expr, properties: Mapping[str, str], lags: Mapping[str, s
         return node("product", number(-1.0), inner) if isinstance(tree.op, ast.USub) else inner
     if isinstance(tree, ast.BinOp) and isinstance(tree.op, ast.Pow):
         return node("pow", of(tree.left), of(tree.right))
+    if isinstance(tree, ast.BinOp) and isinstance(tree.op, ast.Div) and not isinstance(tree.right, ast.Constant):
+        is_zero = node("eq", of(tree.right), number(0.0))
+        return node("quotient", of(tree.left), node("sum", of(tree.right), is_zero))
     if isinstance(tree, ast.BinOp):
         return node(_OPERATORS[type(tree.op)], of(tree.left), of(tree.right))
     assert isinstance(tree, ast.Call) and isinstance(tree.func, ast.Name)

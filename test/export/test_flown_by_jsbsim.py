@@ -120,6 +120,19 @@ def test_a_term_that_is_undefined_counts_nothing_as_it_was_learnt(learnt, held_o
     assert len(defined) > 2
 
 
+def test_flight_without_sideslip_is_flown_where_a_term_divides_by_it(learnt):
+    """Every flight of JSBSim begins so: the moment was infinite, and from then on nothing was a number."""
+    terms = {**learnt.model.terms, "Cn": [*learnt.model.terms["Cn"], "da/beta"]}
+    aeroplane = in_jsbsim(with_terms(learnt, terms)).executive
+    aeroplane["ic/h-sl-ft"], aeroplane["ic/u-fps"], aeroplane["ic/v-fps"] = 300.0, 60.0, 0.0
+    aeroplane.run_ic()
+    assert aeroplane["aero/beta-rad"] == 0.0
+    for _ in range(10):
+        assert np.isfinite(aeroplane["moments/n-aero-lbsft"])
+        aeroplane.run()
+    assert aeroplane["aero/beta-rad"] != 0.0
+
+
 def test_a_lag_is_followed(learnt, held_out):
     exported = in_jsbsim(with_terms(learnt, {**ODD_TERMS, "Cm": ["1", "alpha", "q", "lag(de, 0.2)"]}))
     e = exported.executive
