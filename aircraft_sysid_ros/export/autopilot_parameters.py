@@ -146,5 +146,5 @@ def arduplane_file(comments: Sequence[str], entries: Sequence[Entry]) -> str:
 
 
 def _described(entry: Entry) -> str:
-    shown = with_error(entry.value, entry.std, "+-") if np.isfinite(entry.std) else f"{entry.value + 0.0:.5g}"
+    shown = with_error(entry.value, entry.std, "+-") if np.isfinite(entry.std) else f"{round(entry.value, 9) + 0.0:.5g}"
     return f"{entry.name} = {shown}: {entry.what}{not_set(entry.doubt)}"

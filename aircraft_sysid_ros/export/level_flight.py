@@ -49,11 +49,17 @@ def airspeeds_of(learnt: LearntModel) -> tuple[float, float, float]:
     """True airspeeds [m/s] that gains are made for: trim, which is the median of the rows, lowest and highest.
 
     The lowest is no slower than the largest lift that was flown carries: a push-over or a stall is no level flight.
-    Raises InputError without whole rows.
+    Raises InputError without whole rows, and where that lift does not carry the weight at trim.
     """
     speed = learnt.signal("V")
-    carried = slowest(learnt) * float(np.sqrt(SEA_LEVEL_DENSITY / density_of(learnt)))
-    return float(np.median(speed)), max(float(speed.min()), carried), float(speed.max())
+    trim, carried = float(np.median(speed)), slowest(learnt) * float(np.sqrt(SEA_LEVEL_DENSITY / density_of(learnt)))
+    if carried > trim:
+        raise InputError(
+            f"the largest lift that was flown carries {learnt.aircraft.mass:.3g} kg only from {carried:.1f} m/s "
+            f"on, and half of the flight is slower than {trim:.1f} m/s: the mass is wrong, or the model lacks lift, "
+            "which shows in aircraft-sysid compare"
+        )
+    return trim, max(float(speed.min()), carried), float(speed.max())
 
 
 def density_of(learnt: LearntModel) -> float:

@@ -182,7 +182,9 @@ def test_an_aeroplane_of_whose_lift_nothing_is_known_has_no_level_flight(learnt)
     listed[part] = [replace(p, value=np.nan, std=np.nan, status="HOLD") for p in listed[part]]
     unknown = replace(learnt, parameters=tuple(listed))
     with pytest.raises(InputError, match="no steady level flight"):
-        level_flight(unknown, airspeeds_of(unknown)[0])
+        level_flight(unknown, airspeeds_of(learnt)[0])
+    with pytest.raises(InputError, match="or the model lacks lift"):
+        airspeeds_of(unknown)
     assert not any("level flight" in note for note in export_jsbsim(unknown).notes)
 
 
@@ -317,5 +319,14 @@ def test_nothing_has_a_negative_zero(learnt):
     rows[:, names.index("Tc")] = np.linspace(5e-32, 0.2255, len(rows))
     lines = range_words(replace(learnt, signals=rows))
     assert "dr: 0 to 0 rad (0.0 to 0.0 deg)" in lines and "Tc: 0 to 0.2255" in lines  # it was "5e-32 to 0.2255 -"
-    text = px4_file([], [Entry("TRIM_ROLL", -0.0, what="command"), Entry("TRIM_PITCH", -1e-9, 0.09, "command")])
+    text = px4_file([], [Entry("TRIM_ROLL", -5e-19, what="command"), Entry("TRIM_PITCH", -1e-9, 0.09, "command")])
     assert "TRIM_ROLL = 0: command" in text and "TRIM_PITCH = 0.000 +- 0.090: command" in text and "-0" not in text
+
+
+def test_a_mass_that_the_lift_of_most_of_the_flight_does_not_carry_is_said(learnt):
+    """FW_AIRSPD_MIN was above FW_AIRSPD_TRIM, which PX4 refuses, or the model was said to lack lift."""
+    for factor in (5.0, 50.0):
+        heavy = replace(learnt, aircraft=replace(learnt.aircraft, mass=factor * learnt.aircraft.mass))
+        with pytest.raises(InputError, match=r"carries \d+\.?\d* kg only from .* m/s on, .*: the mass is wrong"):
+            airspeeds_of(heavy)
+        assert not any("level flight" in note for note in export_jsbsim(heavy).notes)
