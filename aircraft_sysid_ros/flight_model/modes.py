@@ -77,6 +77,12 @@ class Mode:
         return -mean / float(np.maximum(self.frequency, 1e-12))
 
     @property
+    def period(self) -> float:
+        """Time [s] of one swing; NaN where nothing swings."""
+        turning = abs(self.eigenvalues[0].imag)
+        return 2.0 * np.pi / turning if turning > 0.0 else np.nan
+
+    @property
     def growth(self) -> float:
         """The largest real part [1/s]: the motion grows where it is positive."""
         return max(value.real for value in self.eigenvalues)

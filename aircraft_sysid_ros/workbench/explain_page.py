@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
 from markupsafe import Markup
 
-from aircraft_sysid_ros.after_flight.explanation.aeroplane import Fact, KnownMode
+from aircraft_sysid_ros.after_flight.explanation.aeroplane import Fact
 from aircraft_sysid_ros.after_flight.explanation.explain import Explanation
 from aircraft_sysid_ros.effects import BY_ID
 from aircraft_sysid_ros.effects.effect import MEASUREMENT
@@ -31,7 +30,7 @@ def explain_html(found: Explanation) -> str:
         trust=_trust(found),
         findings=_findings(found),
         groups=_groups(found),
-        modes=[_mode(mode) for mode in found.modes],
+        modes=found.modes,
         no_modes=_why_no_modes(found),
         errors=_errors(found),
         places=[] if found.compared is None else found.compared.comparison.worst[:_MOST_PLACES],
@@ -84,13 +83,6 @@ def _groups(found: Explanation) -> list[tuple[str, list[Fact]]]:
     for fact in found.facts:
         groups.setdefault(fact.group, []).append(fact)
     return list(groups.items())
-
-
-def _mode(mode: KnownMode) -> dict[str, Any]:
-    """A mode with its period [s]."""
-    swings = not mode.reason and 0.0 <= abs(mode.damping) < 1.0
-    slow = mode.frequency * np.sqrt(max(1.0 - mode.damping**2, 0.0)) if swings else np.nan
-    return {"mode": mode, "period": 2.0 * np.pi / slow if swings and slow > 0.0 else None}
 
 
 def _why_no_modes(found: Explanation) -> str:

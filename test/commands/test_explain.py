@@ -225,6 +225,26 @@ def test_of_an_unstable_aeroplane_no_period_and_no_damping_is_said(learnt):
     assert "short period" not in sentence
 
 
+def test_of_an_aeroplane_that_may_be_unstable_no_frequency_is_said(learnt):
+    """Its standard error was that of the draws which are stable, as small as if the others were none."""
+    names = learnt[0].model.parameter_names
+    doubtful = Learnt(learnt[1], {name: ("USE", "") for name in names})
+    k = names.index("Cm_alpha")
+    doubtful.draws[::3, k] += 0.4 - doubtful.values[k]  # of a third of the draws
+    split = [mode for mode in known_modes(doubtful) if mode.name in ("short period", "phugoid")]
+    finite = [mode for mode in split if np.isfinite(mode.frequency)]
+    assert len(finite) < len(split) and all(mode.json["frequency"] is None for mode in split if mode not in finite)
+
+
+def test_a_period_has_its_standard_error(learnt):
+    """It stood beside a frequency with one as if it were known to three digits."""
+    mode = next(mode for mode in known_modes(learnt[0]) if mode.name == "Dutch roll")
+    assert mode.period == pytest.approx(2.0 * np.pi / (mode.frequency * np.sqrt(1.0 - mode.damping**2)))
+    assert 0.5 < mode.std_period / mode.period / (mode.std_frequency / mode.frequency) < 3.0
+    (roll,) = (mode for mode in known_modes(learnt[0]) if mode.name == "roll")
+    assert np.isnan(roll.period) and np.isnan(roll.std_period)
+
+
 def test_what_is_not_to_use_is_not_stated(learnt, aircraft):
     verdicts = {name: ("USE", "") for name in aircraft.model.parameter_names} | {"Cm_q": ("HOLD", "no motion")}
     some = Learnt(learnt[1], verdicts)

@@ -107,9 +107,9 @@ class Fact:
 
 @dataclass(frozen=True)
 class KnownMode:
-    """A mode with the standard deviations of frequency [rad/s] and damping; ``reason`` why it is not known.
+    """A mode with the standard deviations of frequency [rad/s], damping and period; ``reason`` why it is not known.
 
-    Where one part of the motion grows and the other dies away it has neither frequency nor damping (NaN).
+    Where one part of the motion grows and the other dies away it has none of the three (NaN), and where that may be.
     """
 
     name: str
@@ -119,6 +119,8 @@ class KnownMode:
     std_damping: float
     growth: float = np.nan  # [1/s]
     std_growth: float = np.nan
+    period: float = np.nan  # [s]
+    std_period: float = np.nan
     reason: str = ""
     is_first_order: bool = False  # one eigenvalue: its damping is 1 or -1 by definition, and is no finding
 
@@ -414,12 +416,18 @@ def _known(learnt: Learnt, mode: Mode, drawn: list[Mode]) -> KnownMode:
             return _unknown(mode.name, learnt.lacking[axis])
     if len(drawn) < _MOST * DRAWS:
         return _unknown(mode.name, "within the standard errors this mode may not exist")
-    frequency, damping, growth = (
-        _spread(np.array([getattr(each, name) for each in drawn])) for name in ("frequency", "damping", "growth")
+
+    def known(name: str) -> tuple[float, float]:
+        """A number and its standard deviation; NaN where a part of the draws does not have it."""
+        values = np.array([getattr(each, name) for each in drawn])
+        return (getattr(mode, name), _spread(values)) if np.isfinite(values).mean() >= _MOST else (np.nan, np.nan)
+
+    (frequency, std_frequency), (damping, std_damping), growth, period = map(
+        known, ("frequency", "damping", "growth", "period")
     )
     first_order = len(mode.eigenvalues) == 1
     return KnownMode(
-        mode.name, mode.frequency, mode.damping, frequency, damping, mode.growth, growth, is_first_order=first_order
+        mode.name, frequency, damping, std_frequency, std_damping, *growth, *period, is_first_order=first_order
     )
 
 
