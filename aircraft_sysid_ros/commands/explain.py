@@ -21,6 +21,7 @@ from aircraft_sysid_ros.errors import InputError
 from aircraft_sysid_ros.option import options_of
 from aircraft_sysid_ros.reconstruction.options import StateOptions
 from aircraft_sysid_ros.rounding import with_error
+from aircraft_sysid_ros.run_reader import AIRCRAFT
 
 #: Keys of the aircraft file with unit and words, as they are asked for.
 _SHAPE = {
@@ -68,7 +69,12 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
             args.log, aircraft, args.out, columns=args.map, calibration=args.servos, overwrite=args.overwrite,
             replicas=args.replicas, calm_air=args.calm_air, tell=tell,
         )  # fmt: skip
-    return found.json
+    result = dict(found.json)
+    if not args.aircraft and result["run"]:
+        file = Path(result["run"]) / AIRCRAFT
+        copy = "write what else is known into a copy of it, and give that with --aircraft"
+        result["notes"] = [*result["notes"], f"no aircraft file was given, and {file} is one: {copy}"]
+    return result
 
 
 def _flag(key: str) -> str:

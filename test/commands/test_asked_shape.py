@@ -1,6 +1,7 @@
 """``explain`` without an aircraft file asks for mass and shape on a terminal, one number after the other."""
 
 import io
+from types import SimpleNamespace
 
 import pytest
 
@@ -52,3 +53,17 @@ def test_an_answer_that_is_none_is_asked_for_again_at_once(asked):
 def test_where_nobody_answers_it_ends(asked):
     with pytest.raises(InputError, match="--wing-area"):
         asked("1.96\n")
+
+
+def test_where_the_aircraft_file_is_of_which_notes_speak_is_said(monkeypatch, tmp_path):
+    """A note told to write the places of sensors into the aircraft file of somebody who had given none."""
+    found = SimpleNamespace(json={"run": "page/run", "notes": ["the aircraft file does not give imu_position"]})
+    monkeypatch.setattr(explain.api, "explain", lambda *_, **__: found)
+    log = tmp_path / "monday.bin"
+    log.touch()
+    shape = ["--mass", "1", "--wing-area", "1", "--span", "1", "--chord", "1", "--inertia", "1,1,1"]
+    for words, count in ((shape, 2), (["--aircraft", "a.yaml"], 1)):
+        args = build_parser("explain").parse_args(["explain", str(log), "--out", "page", *words])
+        assert len(explain.run(args)["notes"]) == count
+    args = build_parser("explain").parse_args(["explain", str(log), "--out", "page", *shape])
+    assert "page/run/aircraft.yaml is one" in explain.run(args)["notes"][-1]
