@@ -5,7 +5,7 @@ Publishers are reliable by default, since a reliable publisher matches every sub
 one is deaf to those who ask for every sample; --best-effort plays as a sensor driver would. A reliable playback
 waits for subscribers that are behind, before one topic is a second of the recording ahead of another, and ends when
 they have everything. One that keeps every sample, as `live --reliable` does, loses none at any rate; another loses what
-its own queue does not hold.
+its own queue does not hold. A mass is transient local, so that a node that starts later has it.
 
 Where the log times leap ahead by more than two minutes, the clock of the recorder was set: what follows goes out at
 once.
@@ -37,6 +37,8 @@ from aircraft_sysid_ros.recordings.storage import read_raw
 from aircraft_sysid_ros.stamps import NANOSECONDS
 
 BEST_EFFORT_DEPTH = 100
+#: Said once, perhaps, and heard by who comes later, too; ROS would warn a publisher that does not offer it.
+LATCHED, LATCHED_DEPTH = "mass_properties", 100
 #: How long [s] to wait at a time for subscribers that are behind.
 PATIENCE = 0.1
 #: After so long [s] it is said who is behind.
@@ -153,7 +155,7 @@ def _publishers(
 ) -> tuple[dict[int, Any], dict[str, str]]:
     """Publisher by channel, and for topics that cannot be played the reason."""
     from rclpy.exceptions import InvalidTopicNameException
-    from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
+    from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
     from aircraft_sysid_ros.nodes.common import message_class
     from aircraft_sysid_ros.recordings.message_types import is_as_known
@@ -161,15 +163,17 @@ def _publishers(
     quality = QoSProfile(history=HistoryPolicy.KEEP_ALL, reliability=ReliabilityPolicy.RELIABLE)
     if args.best_effort:
         quality = QoSProfile(depth=BEST_EFFORT_DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)
+    latched = QoSProfile(depth=LATCHED_DEPTH, durability=DurabilityPolicy.TRANSIENT_LOCAL)
     publishers: dict[int, Any] = {}
     unknown: dict[str, str] = {}
     for key, topic in selected.items():
+        offered = latched if topic.rpartition("/")[2] == LATCHED else quality
         channel = raw.channels[key]
         if not is_as_known(channel):
             unknown[topic] = f"the recording has another definition of {channel.type}"
             continue
         try:
-            publishers[key] = node.create_publisher(message_class(channel.type), topic, quality)
+            publishers[key] = node.create_publisher(message_class(channel.type), topic, offered)
         except (ImportError, AttributeError, ValueError):
             unknown[topic] = f"the type {channel.type} is not installed"
         except InvalidTopicNameException as error:

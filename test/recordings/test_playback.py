@@ -1,6 +1,7 @@
 """Pacing of a playback with a clock of its own, and one playback over real ROS 2."""
 
 import json
+import signal
 import subprocess
 import sys
 import time
@@ -168,6 +169,34 @@ def test_a_subscriber_gets_every_message_with_its_stamp_in_order(ros, flight, re
     assert stamps == [START + i * SECOND // 100 for i in range(200)]
     times = np.array([m.clock.sec * SECOND + m.clock.nanosec for m in clocks])  # at twice the speed: each 0.1 s
     assert len(times) == 20 and np.array_equal(times, START + np.arange(20) * SECOND // 10)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("options", [(), ("--best-effort",)])
+def test_a_mass_is_heard_by_who_comes_later(ros, flight, tmp_path, options):
+    """Played before a node was started, a weighing was lost, and ROS warned of a subscription that does not fit."""
+    from aircraft_sysid_msgs.msg import AirData, MassProperties
+    from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
+
+    with RecordingWriter(tmp_path / "weighed") as writer:
+        writer.write("mass_properties", TOPICS["mass_properties"], [START], {"mass": 2.5})
+        writer.write("air_data", TOPICS["air_data"], START + np.arange(3000) * SECOND // 100, {"true_airspeed": 15.0})
+    node, executor = ros
+    air, masses = [], []
+    node.create_subscription(AirData, "air_data", air.append, qos_profile_sensor_data)
+    command = [sys.executable, "-m", "aircraft_sysid_ros.commands.main", "play", str(tmp_path / "weighed"), *options]
+    with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True) as process:
+        deadline = time.monotonic() + 100.0
+        while not air and time.monotonic() < deadline:
+            executor.spin_once(timeout_sec=0.1)
+        latched = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        node.create_subscription(MassProperties, "mass_properties", masses.append, latched)
+        while not masses and time.monotonic() < deadline:
+            executor.spin_once(timeout_sec=0.1)
+        process.send_signal(signal.SIGINT)
+        errors = process.communicate(timeout=100)[1]
+    assert [m.mass for m in masses] == [2.5]
+    assert "incompatible" not in errors
 
 
 @pytest.mark.long
