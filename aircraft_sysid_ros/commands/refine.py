@@ -19,6 +19,9 @@ from aircraft_sysid_ros.refinement.refined_file import FILTER_ERROR, METHODS
 from aircraft_sysid_ros.report.refined_figure import draw_refined
 from aircraft_sysid_ros.rounding import rounded_to_error
 
+#: By how names of biases and levels begin; a factor has none.
+_UNITS = {"accelerometer_bias": "m/s²", "gyro_bias": "rad/s", "gusts": "m/s per √s", "rates": "rad/s per √s"}
+
 
 def add_parser(subparsers: Any) -> argparse.ArgumentParser:
     """Add the command; returns its parser."""
@@ -52,6 +55,7 @@ def render(result: dict[str, Any]) -> str:
         for item in result.get(key, []):
             if item["std"] is not None:
                 title = item["name"] if key == "biases" else f"{key.replace('_', ' ')}: {item['name']}"
+                title += next((f" [{unit}]" for name, unit in _UNITS.items() if item["name"].startswith(name)), "")
                 value, std = rounded_to_error(item["value"], item["std"])
                 lines.append(f"{title:<46}{value:>12}{std:>12}")
     lines += ["", "error on the pieces that were not fitted, over the spread: refined (parameters that it began with)"]

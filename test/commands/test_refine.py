@@ -8,6 +8,7 @@ import pytest
 
 from aircraft_sysid_ros.after_flight.refine import refined_sentences
 from aircraft_sysid_ros.commands.main import main
+from aircraft_sysid_ros.commands.refine import render
 from aircraft_sysid_ros.refinement.refine import worse_axes
 from aircraft_sysid_ros.simulation.simulated_flight import simulate_samples
 from aircraft_sysid_ros.simulation.truth_files import write_flight
@@ -127,3 +128,14 @@ def test_bad_input_is_one_sentence(run, tmp_path, capsys):
     (copy / "samples.npz").write_bytes(b"nothing")
     assert "damaged" in says(capsys, copy)
     assert not list(copy.glob("refined*"))
+
+
+def test_biases_and_levels_have_units():
+    """A bias was 0.1600, and nobody knew of what."""
+    item = {"value": 0.16, "std": 0.0046}
+    biases = [{"name": f"{name}_x", **item} for name in ("accelerometer_bias", "gyro_bias")]
+    result = {"is_current": True, "changes": [], "model": "a", "parameters": [], "not_fitted": {}, "file": "f"}
+    result |= {"biases": biases, "process_noise": [{"name": "rates", **item}], "converged": True, "reason": ""}
+    result |= {"iterations": 4, "seconds_fitted": 99.0, "elapsed": 1.0, "figure": None, "notes": [], "worse": []}
+    lines = [line.split("  ")[0] for line in render(result).splitlines() if "0.0046" in line]
+    assert lines == ["accelerometer_bias_x [m/s²]", "gyro_bias_x [rad/s]", "process noise: rates [rad/s per √s]"]
