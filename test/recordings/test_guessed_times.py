@@ -48,6 +48,25 @@ def test_a_unit_that_nothing_tells_is_left_to_the_user(tmp_path):
         guessed(tmp_path, "time", np.arange(6000), q=np.zeros(6000))
 
 
+@pytest.mark.parametrize("step", [2.001, 4.0, 5.0])
+def test_a_recorder_that_writes_every_few_seconds_is_in_seconds(tmp_path, step):
+    """It had been ms, and sure: a take-off that took a minute was over in 0.06 s."""
+    time = guessed(tmp_path, "t", 34.1 + step * np.arange(90), EAS=np.linspace(30.0, 160.0, 90))
+    assert (time.unit, time.sure) == ("s", True)
+    time = guessed(tmp_path, "t", 1_597_764_857.0 + step * np.arange(3000), EAS=np.linspace(30.0, 160.0, 3000))
+    assert (time.unit, time.is_unix) == ("s", True)
+    with pytest.raises(InputError, match=r"'t' rises by .* from row to row, which may be s or ms: write its unit"):
+        guessed(tmp_path, "t", 34.1 + step * np.arange(3000), EAS=np.linspace(30.0, 160.0, 3000))
+
+
+@pytest.mark.parametrize("step", [2, 4, 5])
+def test_a_log_of_several_hundred_rows_a_second_is_in_milliseconds(tmp_path, step):
+    count = np.arange(300_000 // step)  # as seconds they would be three days and more
+    assert guessed(tmp_path, "t", step * count, q=np.zeros(len(count))).unit == "ms"
+    count = np.arange(8000)
+    assert guessed(tmp_path, "t", step * count, **rolling(1e-3 * step * count)).unit == "ms"
+
+
 def test_times_since_1970_tell_their_unit(tmp_path):
     time = guessed(tmp_path, "time", 1_717_164_300_000 + np.arange(6000), q=np.zeros(6000))
     assert (time.unit, time.is_unix, time.sure) == ("ms", True, True)

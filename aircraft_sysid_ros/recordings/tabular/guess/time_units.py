@@ -13,9 +13,9 @@ from aircraft_sysid_ros.recordings.tabular.table import Table, numbers
 from aircraft_sysid_ros.recordings.tabular.units import conversion
 
 Array = npt.NDArray[np.float64]
-_SHORTEST_STEP, _LONGEST_STEP = 2e-4, 1.5  # [s]
+_SHORTEST_STEP, _LONGEST_STEP = 2e-4, 6.0  # [s]; recorders of whole flights write every few seconds
 _UNIX = (9e8, 2.14e9)  # [s]
-_SHORTEST_FLIGHT = 2.0  # [s]
+_SHORTEST_FLIGHT, _LONGEST_FLIGHT = 2.0, 3.0 * 86_400.0  # [s]
 _MOST_STEPS = 1.5  # from one minute to the next, of a time in hours, minutes and seconds
 #: By how much larger the numbers of a rate or of a speed may be than those of what they are the derivative of, in SI.
 _TURN, _LENGTH = (1.0, np.pi / 180.0, 180.0 / np.pi), (1.0, 2.0, 3.4, 0.3)  # m/s, kt, ft/s or km/h; ft beside m/s
@@ -39,7 +39,7 @@ def is_unix_time(seconds: Array) -> bool:
 
 def is_usual_step(seconds: float) -> bool:
     """Whether tables come in steps like this."""
-    return 0.1 * _SHORTEST_STEP <= seconds < 10.0 * _LONGEST_STEP
+    return 0.1 * _SHORTEST_STEP <= seconds < 2.5 * _LONGEST_STEP
 
 
 def is_hhmmss(ticks: Array) -> bool:
@@ -60,7 +60,7 @@ def fitting_units(
     """The units that times (n,) may have that usually rise by ``step``, beside the columns (n,) of a table, and why.
 
     A step of 1 is one of seconds at 1 Hz and one of milliseconds at 1 kHz: dates tell, or motion and its derivative, or
-    that one of them is no flight.
+    that one of them is too short or too long for a flight.
     """
     scales = {unit: conversion(unit, "s").factor for unit in ("s", "ms", "us", "ns")}
     fitting = [unit for unit, scale in scales.items() if _SHORTEST_STEP <= step * scale < _LONGEST_STEP]
@@ -74,7 +74,8 @@ def fitting_units(
         moved = [unit for unit in fitting if all(_is_one(slope / scales[unit], near) for slope, near in slopes)]
         return moved or fitting, "rates and speeds then add up to angles and places"
     span = float(np.nanmax(ticks) - np.nanmin(ticks))
-    return [unit for unit in fitting if span * scales[unit] >= _SHORTEST_FLIGHT], "all else would be too short a flight"
+    of_a_flight = [unit for unit in fitting if _SHORTEST_FLIGHT <= span * scales[unit] < _LONGEST_FLIGHT]
+    return of_a_flight, "all else would be too short or too long a flight"
 
 
 def _is_one(slope: float, near: tuple[float, ...]) -> bool:
