@@ -100,3 +100,25 @@ def test_seconds_with_a_gap_of_40_s_are_no_time_of_day(tmp_path):
 @pytest.mark.parametrize(("name", "unit"), [("time_boot_ms", "ms"), ("millis", "ms"), ("micros", "us")])
 def test_names_that_say_their_unit(name, unit):
     assert guess_name(name).unit == unit
+
+
+@pytest.mark.parametrize("zone", [" GMT", " UTC", "UTC"])
+def test_times_as_text_may_name_universal_time(tmp_path, zone):
+    """A recorder of X-Plane's network data wrote GMT behind them, and its table was left out."""
+    texts = [f"2020-08-18T15:34:{0.1 * row:06.3f}{zone}" for row in range(200)]
+    time = guessed(tmp_path, "Timestamp", texts, p=np.sin(np.arange(200.0)))
+    assert (time.unit, time.seconds[0] % 86_400.0) == ("iso", pytest.approx(56_040.0))
+    assert guessed(tmp_path, "time", [text[11:] for text in texts], p=np.sin(np.arange(200.0))).unit == "iso"
+
+
+def test_a_text_that_is_no_time_is_shown(tmp_path):
+    with pytest.raises(InputError, match="its time 'Timestamp' holds '3 past noon', which is not a time such as"):
+        guessed(tmp_path, "Timestamp", ["3 past noon", "4 past noon", "5 past noon"], p=np.arange(3.0))
+    with pytest.raises(InputError, match="its column 'Datetime' goes back at data row 2"):
+        guessed(tmp_path, "Datetime", ["2024-10-11", "2024-01-20", "2024-12-26"], p=np.arange(3.0))
+
+
+def test_an_epoch_time_is_a_time(tmp_path):
+    ticks = 1_597_764_857_386.0 + 100.0 * np.arange(200)
+    time = guessed(tmp_path, "Epoch time", ticks, p=np.sin(np.arange(200.0)))
+    assert (time.unit, time.is_unix) == ("ms", True)

@@ -20,6 +20,7 @@ Stamps = npt.NDArray[np.int64]
 #: Stands for a time that is not there.
 NO_TIME = np.iinfo(np.int64).min
 _IRIG = re.compile(r"\s*(\d{1,3}):(\d{1,2}):(\d{2}):(\d{2}(?:\.\d*)?)\s*")
+_ZONE = re.compile(r"\s*(GMT|UTC)$")  # what a text without a zone is
 _TIME_OF_DAY = re.compile(r"\s*(\d{1,2}):(\d{2}):(\d{2}(?:[.,]\d*)?)\s*")
 _SPAN = re.compile(r"\s*([-+]?\d[\d.eE+-]*)\s*([a-zA-Zµ]+)\s*")
 _DAY = 86_400
@@ -127,7 +128,7 @@ def _of_texts(values: npt.NDArray[Any], unit: str, clock: str | datetime | None,
     if values.dtype.kind == "M":
         found = values.astype("datetime64[ns]")
         return np.where(np.isnat(found), NO_TIME, found.astype(np.int64))
-    texts = [None if value is None or value != value else str(value).strip() for value in values.tolist()]
+    texts = [None if value is None or value != value else _ZONE.sub("", str(value).strip()) for value in values.tolist()]
     found = np.full(len(texts), NO_TIME, dtype=np.int64)
     there = [i for i, text in enumerate(texts) if text]
     if not there:

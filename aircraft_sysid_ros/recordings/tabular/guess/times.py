@@ -81,6 +81,12 @@ def why_no_time(table: Table, columns: dict[str, npt.NDArray[Any]]) -> str:
         if guess is None or guess.signal != TIME:
             continue
         known = numbers(values)[0]
+        if values.dtype.kind in "OUT" and _is_text(values) and spans(values) is None:
+            try:
+                stamps = stamps_of(values, TimeBase(name, "iso", 0.0, 0), None, f"its time '{name}'")
+            except InputError as error:
+                return f"{table.name} is left out: {error}"
+            known = _past_midnight(np.where(stamps == NO_TIME, np.nan, stamps * 1e-9))
         known = known[np.isfinite(known)]
         back = np.flatnonzero(np.diff(known) < 0.0)
         if len(back):
