@@ -122,3 +122,12 @@ def test_an_epoch_time_is_a_time(tmp_path):
     ticks = 1_597_764_857_386.0 + 100.0 * np.arange(200)
     time = guessed(tmp_path, "Epoch time", ticks, p=np.sin(np.arange(200.0)))
     assert (time.unit, time.is_unix) == ("ms", True)
+
+
+def test_the_time_that_tells_rows_apart_is_taken(tmp_path):
+    """A recorder at 16 Hz wrote the date to the second before its own time: of 16 rows one was left."""
+    time = np.arange(400) / 16.0
+    dates = [f"2024-05-31 14:05:{int(t):02d}" for t in time]
+    columns = {"Session Time": 1812.3 + time, "Pitch (deg)": np.sin(time), "Roll (deg)": np.cos(time)}
+    found = guessed(tmp_path, "GPS Date & Time", dates, **columns)
+    assert (found.column, found.unit, found.others) == ("Session Time", "s", ("GPS Date & Time",))

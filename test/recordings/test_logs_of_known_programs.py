@@ -146,6 +146,25 @@ def mavlink(flown, path):
     return {"specific_force.z", *(f"angular_velocity.{a}" for a in "xyz"), *ATTITUDE, "latitude", "longitude"}
 
 
+def mavlogdump(flown, path):
+    """Each message with its name before a point, in one table."""
+    at = flown["time"]
+    _written(path / "log.csv", {
+        "timestamp": [f"{1_717_164_300.0 + t:.6f}" for t in at],
+        "ATTITUDE.time_boot_ms": at * 1e3,
+        **{f"ATTITUDE.{angle}": flown[f"attitude.{angle}"] for angle in ("roll", "pitch", "yaw")},
+        **{f"ATTITUDE.{n}speed": flown[f"angular_velocity.{a}"] for n, a in zip(("roll", "pitch", "yaw"), "xyz",
+                                                                              strict=True)},
+        **{f"RAW_IMU.{a}acc": np.round(1e3 / G * flown[f"specific_force.{a}"]) for a in "xyz"},
+        "VFR_HUD.airspeed": flown["indicated_airspeed"], "VFR_HUD.alt": flown["altitude"],
+        "VFR_HUD.climb": -flown["velocity.down"],
+        "GLOBAL_POSITION_INT.lat": np.round(1e7 * DEGREES * flown["latitude"]),
+        "GLOBAL_POSITION_INT.lon": np.round(1e7 * DEGREES * flown["longitude"]),
+        "GLOBAL_POSITION_INT.alt": np.round(1e3 * flown["altitude"]),
+    }, step=4)  # fmt: skip
+    return {"specific_force.z", *(f"angular_velocity.{a}" for a in "xyz"), *ATTITUDE, *PLACE, "indicated_airspeed"}
+
+
 def matlab(flown, path):
     """A timetable, whose times are durations."""
     _written(path / "log.csv", {
@@ -272,7 +291,8 @@ def indexed(flown, path):
 
 
 @pytest.mark.parametrize(
-    "layout", [vectornav, xsens, flightgear, jsbsim, xplane, mavlink, matlab, sidpac, ftis, attas, onspeed, indexed]
+    "layout",
+    [vectornav, xsens, flightgear, jsbsim, xplane, mavlink, mavlogdump, matlab, sidpac, ftis, attas, onspeed, indexed],
 )
 def test_a_log_of_a_known_program_is_guessed(tmp_path, flown, layout):
     """Of FlightGear no name was known, of VectorNav the accelerometers; SIDPAC held "no columns of numbers"."""
@@ -430,6 +450,18 @@ def test_what_only_ends_like_a_signal_is_none(name):
 
 @pytest.mark.parametrize(
     ("name", "signal", "unit"),
+    [("Vertical Accel(g)", "specific_force.z", "g"), ("Lateral Accel (g)", "specific_force.y", "g"),
+     ("altitudeAMSL", "altitude", ""), ("AIRS_TrueSpeed", "true_airspeed", ""), ("AIRS_IAS", "indicated_airspeed", ""),
+     ("ATTITUDE.rollspeed", "angular_velocity.x", ""), ("VFR_HUD.climb", "velocity.down", "")],
+)  # fmt: skip
+def test_names_of_panels_and_ground_stations(name, signal, unit):
+    """Dynon's vertical acceleration, the ground station's altitude and PX4's old logs were not known."""
+    guess = guess_name(name)
+    assert (guess.signal, guess.unit) == (signal, unit)
+
+
+@pytest.mark.parametrize(
+    ("name", "signal", "unit"),
     [("/odom/velocity/north", "velocity.north", ""), ("/gnss/vel/north", "velocity.north", ""),
      ("/fdm/velocities/p-rad_sec", "angular_velocity.x", "rad/s"), ("/boom/vane/alpha", "angle_of_attack", ""),
      ("/autopilot/state/pitch", "attitude.pitch", ""), ("/inputs/elevator-deg", "elevator", "deg"),
@@ -446,6 +478,20 @@ def test_rates_in_thousandths_are_not_taken_for_degrees(tmp_path, flown):
     mavlink(flown, tmp_path)
     (part,) = guess_map(tmp_path / "log.csv").parts
     assert {line.unit for line in part.lines if line.signal.startswith("angular_velocity")} == {"mrad/s"}
+
+
+def test_rates_beside_thousandths_of_g_may_be_thousandths_too(tmp_path, flown):
+    """Without an attitude nothing told, and 810 mrad/s were deg/s, 17 times too fast."""
+    _written(tmp_path / "log.csv", {
+        "time_boot_ms": flown["time"] * 1e3,
+        **{f"{a}acc": np.round(1e3 / G * flown[f"specific_force.{a}"]) for a in "xyz"},
+        **{f"{a}gyro": np.round(1e3 * flown[f"angular_velocity.{a}"]) for a in "xyz"},
+    }, step=4)  # fmt: skip
+    (part,) = guess_map(tmp_path / "log.csv").parts
+    assert {line.unit for line in part.lines if line.signal.startswith("specific_force")} == {"mg"}
+    rates = [line for line in part.lines if line.signal.startswith("angular_velocity")]
+    assert len(rates) == 3
+    assert not any(line.active for line in rates)
 
 
 def test_what_simulink_logs_as_a_structure_with_time_has_its_time(tmp_path, flown):

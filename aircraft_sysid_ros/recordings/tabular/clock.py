@@ -128,7 +128,9 @@ def _of_texts(values: npt.NDArray[Any], unit: str, clock: str | datetime | None,
     if values.dtype.kind == "M":
         found = values.astype("datetime64[ns]")
         return np.where(np.isnat(found), NO_TIME, found.astype(np.int64))
-    texts = [None if value is None or value != value else _ZONE.sub("", str(value).strip()) for value in values.tolist()]
+    texts = [
+        None if value is None or value != value else _ZONE.sub("", str(value).strip()) for value in values.tolist()
+    ]
     found = np.full(len(texts), NO_TIME, dtype=np.int64)
     there = [i for i, text in enumerate(texts) if text]
     if not there:

@@ -230,6 +230,7 @@ def _counts_turns(yaw: Column) -> bool:
 def _degrees_per_second(flight: Flight) -> None:
     there = [flight.columns[signal] for signal in RATES if flight.has(signal) and len(flight.columns[signal].numbers)]
     most = max((float(np.percentile(np.abs(column.numbers), 99.0)) for column in there), default=0.0)
-    if most > 15.0:
+    in_thousandths = any(flight.has(signal) and flight.columns[signal].unit == "mg" for signal in AXES)
+    if most > 15.0 and not in_thousandths:  # else mrad/s, or deg/s all the same: laws tell
         for column in there:
             column.take_unit("deg/s", f"the rates go up to {most:.3g}, too fast for rad/s")

@@ -63,7 +63,14 @@ def guess_time(table: Table, columns: dict[str, npt.NDArray[Any]]) -> TimeGuess 
         found = [replace(unnamed, sure=False)] if unnamed is not None and _is_regular(unnamed) else []
     if not found:
         return None
+    found.sort(key=_stands_still)  # a date to the second beside a time of its own
     return replace(found[0], others=tuple(candidate.column for candidate in found[1:]))
+
+
+def _stands_still(candidate: TimeGuess) -> bool:
+    """Whether more than a few rows have the time of the row before."""
+    steps = np.diff(candidate.seconds[np.isfinite(candidate.seconds)])
+    return bool(np.mean(steps == 0.0) > 0.1)
 
 
 def _is_regular(candidate: TimeGuess) -> bool:
