@@ -454,7 +454,8 @@ def late_control_notes(samples: Samples, parameters: Identifier) -> list[str]:
 def why_no_start(state: StateEstimator) -> str:
     """What the filter lacks to start with: sensors of which nothing can be used, and why; else time or motion."""
     counts = state.counts()
-    if reason := _why_useless(counts["imu"], "IMU", "imu/data", "no usable numbers"):
+    incomplete = "no usable numbers (all three of its accelerations and of its rates are needed)"
+    if reason := _why_useless(counts["imu"], "IMU", "imu/data", incomplete):
         return reason
     if standing := state.order.counts.stamps_in_words:
         return standing

@@ -47,6 +47,16 @@ def test_every_sensor_that_is_missing_is_named_with_its_topic(said):
     assert said(*fixes(np.arange(10) * SECOND // 5, 0)) == "no IMU came on imu/data"
 
 
+def test_an_imu_that_lacks_an_axis_is_said_to_need_all(said):
+    """Of a table without gyros it was said only that its samples 'have no usable numbers'."""
+    samples = imu(300)
+    samples.values[:, 3:6] = np.nan
+    text = said(samples, *fixes(np.arange(10) * SECOND // 5, 0))
+    assert text.startswith(
+        "of 300 samples of the IMU 300 have no usable numbers (all three of its accelerations and of"
+    )
+
+
 def test_a_gps_without_a_fix_is_said_with_its_numbers(said):
     stamp = np.arange(10) * SECOND // 5
     velocity = samples_of(Kind.GPS_VELOCITY, stamp, np.zeros((10, 3)))

@@ -144,3 +144,22 @@ def test_legs_between_regular_turns_are_not_one_measured_position_a_turn():
     assert interpolated_length(time, latitude) == 1.0
     once_a_second = np.interp(time, time[::5], latitude[::5])
     assert interpolated_length(time, once_a_second) == pytest.approx(5.0, abs=1.5)
+
+
+@pytest.fixture(scope="module")
+def slow():
+    """A flight of which a recorder kept the IMU ten times a second."""
+    flown = simulate_samples(default_aircraft(), 53, 90.0).samples
+    rows = np.flatnonzero(flown.kind == Kind.IMU)
+    step = round(0.1e9 / float(np.median(np.diff(flown.stamp[rows]))))
+    return flown[np.sort(np.concatenate([np.flatnonzero(flown.kind != Kind.IMU), rows[::step]]))]
+
+
+def test_quick_motion_of_a_slow_recorder_is_no_fault_of_transmission(slow):
+    """A doublet of the elevator was over between two samples, and 'remove sensor or transmission faults' was said."""
+    assert not [each for each in said(slow, "angular_velocity.y") if each[0] == "noise"]
+    faulty = with_column(
+        slow, Kind.IMU, 4, lambda v: np.where(np.isin(np.arange(len(v)), (200, 500, 640)), 6.0 * v.max(), v)
+    )
+    (found,) = [each for each in said(faulty, "angular_velocity.y") if each[0] == "noise"]
+    assert "3 single values jump" in found[2]

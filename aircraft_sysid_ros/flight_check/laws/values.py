@@ -31,6 +31,8 @@ _WHOLE, _LACKS = (Kind.IMU, Kind.GPS_VELOCITY), 0.01
 LEAST_RUN, _FLAT, _TIMES = 4, 8, 3.0
 #: Share of spikes that is worth a warning.
 _SPIKES = 2e-4
+#: An IMU of less [Hz] may lose all of a quick motion but one value; by so much of their range a fault is beyond others.
+_SLOW_IMU, _BEYOND = 20.0, 0.5
 #: Steps of the resolution over the spread of the signal.
 _COARSE = 0.2
 #: Surfaces further than this [rad] are in degrees; throttles above are in per cent.
@@ -136,7 +138,8 @@ def _one(name: str, kind: Kind, stream: Stream, column: int) -> list[Finding]:
         return [*found, _stuck(name, values[0])]
     fresh = values[np.concatenate([[True], np.diff(values) != 0.0])]
     found += saturated(name, values, stream.time[known]) if name not in GEODETIC else []
-    return found + (_spikes(name, fresh) or _coarse(name, fresh) if not absurd else [])
+    is_slow = kind == Kind.IMU and stream.rate < _SLOW_IMU
+    return found + (_spikes(name, fresh, is_slow=is_slow) or _coarse(name, fresh) if not absurd else [])
 
 
 def _negative(values: Array) -> list[Finding]:
@@ -212,8 +215,11 @@ def run_lengths(at: npt.NDArray[np.bool_]) -> list[int]:
     return [end - begin for begin, end in stretches(at)]
 
 
-def _spikes(name: str, values: Array) -> list[Finding]:
+def _spikes(name: str, values: Array, *, is_slow: bool) -> list[Finding]:
     at, worst, usual = spikes(values)
+    if is_slow and at.any():
+        low, high = np.min(values[~at]), np.max(values[~at])
+        at &= np.abs(values - 0.5 * (low + high)) > (0.5 + _BEYOND) * (high - low)
     count = int(at.sum())
     if not count:
         return []
