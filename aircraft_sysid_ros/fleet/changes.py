@@ -9,8 +9,9 @@ errors. Three models of a series are fitted with random effects (``random_effect
 
 each with a part c (V_i / V - 1) where the airspeed of the flights differs by enough. The p-value of a jump is that of
 its best date times the number of dates (Bonferroni), that of a change the smaller one of drift and jump times two. The
-likelihood says which of the two it is, with half of log n off for the date. Over all series of a fleet changes are
-named at a false discovery rate (Benjamini and Hochberg, 1995).
+likelihood says which of the two it is, with half of log n off for the date. One flight that is far off is no jump: it
+must be there without any one of the flights, too. Over all series of a fleet changes are named at a false discovery
+rate (Benjamini and Hochberg, 1995).
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from aircraft_sysid_ros.fleet.random_effects import Fitted, fit, two_sided
+from aircraft_sysid_ros.fleet.random_effects import Fitted, fit, fit_with, two_sided
 
 Array = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]
@@ -31,6 +32,8 @@ DRIFT, JUMP = "drift", "jump"
 RATE = 0.05
 #: Flights of a series, and on either side of a jump.
 FEWEST, FEWEST_BESIDE = 6, 2
+#: p-value that a jump has at most without any one of the flights.
+_WITHOUT_ONE = 0.01
 #: Flights of a mean that is compared with those of other airframes.
 FEWEST_OF_A_MEAN = 2
 #: Flights and relative spread of the airspeed from which its part is fitted.
@@ -80,8 +83,9 @@ def change_of(series: Series) -> Change | None:
     columns = np.column_stack([base, series.number - np.mean(series.number)])
     drift = fit(series.value, series.std, columns)
     jump, first, dates = _jump(series, base)
-    p_value = min(1.0, 2.0 * min(drift.p_value(), dates * jump.p_value()))
-    is_jump = jump.log_likelihood - 0.5 * np.log(len(series)) > drift.log_likelihood
+    may_jump = not _rests_on_one_flight(series, base, first, jump.between**2)
+    p_value = min(1.0, 2.0 * min(drift.p_value(), dates * jump.p_value() if may_jump else 1.0))
+    is_jump = may_jump and jump.log_likelihood - 0.5 * np.log(len(series)) > drift.log_likelihood
     fitted, kind = (jump, JUMP) if is_jump else (drift, DRIFT)
     number = int(series.number[first if is_jump else 0])
     return Change(kind, number, float(fitted.value[-1]), float(fitted.std[-1]), p_value)
@@ -96,8 +100,22 @@ def _jump(series: Series, base: Array) -> tuple[Fitted, int, int]:
         if found == best:
             break
         best = found
-        fitted = fit(series.value, series.std, np.column_stack([base, np.arange(len(series)) >= best]))
+        fitted = fit(series.value, series.std, _with_step(base, best))
     return fitted, best, len(dates)
+
+
+def _with_step(base: Array, first: int) -> Array:
+    return np.column_stack([base, np.arange(len(base)) >= first])
+
+
+def _rests_on_one_flight(series: Series, base: Array, first: int, between_square: float) -> bool:
+    """Whether a jump is gone without one of the flights: of 50, one that is far off is half of a jump of the last two,
+    with a p-value of one of a million.
+    """
+    columns = _with_step(base, first)
+    others = (np.arange(len(series)) != k for k in range(len(series)))
+    without = (fit_with(series.value[k], series.std[k], columns[k], between_square) for k in others)
+    return any(fitted.p_value() > _WITHOUT_ONE for fitted in without)
 
 
 def _gains(series: Series, base: Array, dates: Integers, between_square: float) -> Array:

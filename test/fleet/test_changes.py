@@ -43,6 +43,26 @@ def test_a_jump_is_found_with_its_date():
     assert sum(abs(c.size - 7.0) < 2.0 * c.std for c in found) >= 17
 
 
+@pytest.mark.parametrize("place", [0, 1, -2, -1])
+@pytest.mark.parametrize("off", [10.0, 30.0])
+def test_one_bad_flight_is_no_jump(place, off):
+    """Two flights lie on either side of a jump, but one of them alone had named it: of 50 flights with the last one
+    far off, a jump from the last but one with p = 4e-6.
+    """
+    rng = np.random.default_rng([95, place % 50, int(off)])
+    for _ in range(10):
+        healthy = series(rng, flights=50)
+        healthy.value[place] += off * healthy.std[place]
+        assert change_of(healthy).p_value > 1e-3
+
+
+@pytest.mark.parametrize("at", [2, 48])
+def test_a_jump_that_two_flights_show_is_found(at):
+    rng = np.random.default_rng([96, at])
+    found = [change_of(series(rng, jump=15.0, at=at, flights=50)) for _ in range(10)]
+    assert all(c.p_value < 1e-3 and c.kind == JUMP and c.number == at for c in found)
+
+
 def test_faster_flights_are_no_drift():
     """The parameter depends on airspeed, which rises from flight to flight: that is no change of the aeroplane."""
     rng = np.random.default_rng(93)
