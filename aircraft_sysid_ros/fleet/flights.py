@@ -30,6 +30,7 @@ LOGS = (*AUTOPILOTS, ".mat", ".data")
 TABLES = (".csv", ".tsv", ".txt", ".parquet", ".h5", ".hdf5", ".xlsx")
 LISTS = (".yaml", ".yml", ".csv")
 _LONGEST_HEAD = 4096
+_UTF8 = "utf-8-sig"  # with a byte-order mark, or without
 #: What a list says of a flight; only the recording must be there.
 KEYS = ("recording", "name", "airframe", "aircraft", "start", "map", "servos", "calm_air")
 #: What stands for the airframe in the names of files.
@@ -147,11 +148,11 @@ def _of_source(source: str, files: Files, out: Path) -> Iterator[Flight]:
 def _is_list(path: Path) -> bool:
     """Whether a table lists recordings and is none."""
     try:
-        with path.open(encoding="utf8", errors="replace", newline="") as file:
-            head = next(csv.reader([file.readline(_LONGEST_HEAD)]), [])
+        with path.open(encoding=_UTF8, errors="replace") as file:
+            line = file.readline(_LONGEST_HEAD)
+            return KEYS[0] in _lower(next(csv.reader([line], delimiter=_separator(line)), []))
     except (OSError, csv.Error):  # said where it is read
         return False
-    return KEYS[0] in (name.strip() for name in head)
 
 
 def _fixed_part(pattern: str) -> Path:
@@ -219,17 +220,41 @@ def _of_list(path: Path, files: Files) -> Iterator[Flight]:
 
 
 def _entries(path: Path) -> Sequence[Any]:
-    if path.suffix.lower() == ".csv":
-        try:
-            with path.open(encoding="utf8", newline="") as file:
-                entries: Any = list(csv.DictReader(file, restkey="more columns than names"))
-        except (OSError, UnicodeDecodeError, csv.Error) as error:
-            raise InputError(f"cannot read the list of flights {path}: {error}") from None
-    else:
-        entries = read_yaml(path, "list of flights")
+    entries: Any = _entries_of_table(path) if path.suffix.lower() == ".csv" else read_yaml(path, "list of flights")
     if not isinstance(entries, list) or not entries:
         raise InputError(f"list of flights {path}: it must be a list of flights with {', '.join(KEYS)}")
     return entries
+
+
+def _entries_of_table(path: Path) -> list[dict[str, str]]:
+    """Entries of a CSV file, as spreadsheets write it: with a byte-order mark, semicolons or tabs, and empty rows."""
+    try:
+        lines = path.read_text(encoding=_UTF8).splitlines(keepends=True)
+        reader = csv.reader(lines, delimiter=_separator("".join(lines[:1])), strict=True)
+        rows = [(reader.line_num, [cell.strip() for cell in row]) for row in reader]
+    except (OSError, UnicodeDecodeError) as error:
+        reason = (error.strerror or error) if isinstance(error, OSError) else "it is not text in UTF-8"
+        raise InputError(f"cannot read the list of flights {path}: {reason}") from None
+    except csv.Error as error:
+        raise InputError(f"list of flights {path}: line {reader.line_num} is no row of a table: {error}") from None
+    names = _lower(rows[0][1]) if rows else []
+    for name in filter(None, names):
+        if names.count(name) > 1:
+            raise InputError(f"list of flights {path}: the first line names {name[:60]} twice")
+    for number, row in rows:
+        if any(row[len(names) :]):
+            raise InputError(f"list of flights {path}: line {number} has more values than names")
+    named = [{name: cell for name, cell in zip(names, row, strict=False) if name or cell} for _, row in rows[1:]]
+    return [entry for entry in named if any(entry.values())]
+
+
+def _separator(line: str) -> str:
+    """What is between the names in the first line of a CSV file."""
+    return max(",;\t", key=line.count)
+
+
+def _lower(names: Sequence[str]) -> list[str]:
+    return [name.strip().lower() for name in names]
 
 
 def _listed(where: str, entry: Mapping[str, Any], folder: Path, files: Files) -> Flight:

@@ -158,6 +158,40 @@ def test_a_list(place, ending, with_map):
     assert (second.name, second.airframe, second.start, second.aircraft.name) == ("N2/3", "N2", None, "N2.yaml")
 
 
+@pytest.mark.parametrize("with_map", [False, True])
+@pytest.mark.parametrize(
+    "text",
+    [
+        "\ufeffrecording,airframe,name\r\nfleet/N1/1.mcap,N1,a\r\n",
+        "\ufeffrecording;airframe;name\r\nfleet/N1/1.mcap;N1;a\r\n",
+        "recording\tairframe\tname\nfleet/N1/1.mcap\tN1\ta\n",
+        " Recording , Airframe , NAME \nfleet/N1/1.mcap , N1 , a \n,,\n",
+    ],
+)
+def test_a_list_as_a_spreadsheet_writes_it(place, text, with_map):
+    """Excel's byte-order mark was part of the first name, semicolons of all of them, and "N1 " was another airframe."""
+    (place / "list.csv").write_text(text)
+    one = str(place / "one.yaml")
+    (flight,) = flights_of([str(place / "list.csv")], Files(one, map=one if with_map else None), place / "out")
+    assert (flight.name, flight.airframe, flight.recording) == ("a", "N1", place / "fleet/N1/1.mcap")
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        (b"recording,recording\na,b\n", "names recording twice"),
+        ("recording,airframe\na,Käfer\n".encode("cp1252"), "is not text in UTF-8"),
+        (b"recording,airframe\na,b,c\n", "more values than names"),
+        (b'recording,airframe\n"a,b\n', "line 2"),
+    ],
+)
+def test_a_bad_table_of_flights_is_one_sentence(place, text, said):
+    (place / "list.csv").write_bytes(text)
+    with pytest.raises(InputError, match=said) as caught:
+        found(place, "list.csv")
+    assert "codec" not in str(caught.value)
+
+
 @pytest.mark.parametrize(
     ("text", "said"),
     [
