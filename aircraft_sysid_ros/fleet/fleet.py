@@ -202,6 +202,10 @@ def _jobs(
             if not flight.recording.exists():
                 raise InputError(f"there is no recording {flight.recording}")
             recording = content_key((flight.recording,))
+            options = Options(asked.replicas, flight.map, flight.servos, flight.calm_air)
+            files = (flight.aircraft, *options.files)
+            if files not in beside:
+                beside[files] = content_key((), program_key(), *map(_file_key, files))
         except (OSError, InputError) as error:
             why = f"cannot be read: {error.strerror}" if isinstance(error, OSError) else str(error)
             answers[flight.name] = _no_answer(why)
@@ -210,16 +214,20 @@ def _jobs(
         if other != flight.name:
             answers[flight.name] = _no_answer(f"it holds the same as {other}, and counts once")
             continue
-        options = Options(asked.replicas, flight.map, flight.servos, flight.calm_air)
-        files = (flight.aircraft, *options.files)
-        if files not in beside:
-            beside[files] = content_key(files, program_key())
         key = content_key((), recording, beside[files], repr((options.replicas, options.calm_air)))
         keep = (asked.out / RUNS / flight.name).absolute() if asked.runs else None
         jobs[flight.name] = Job(
             key, flight.recording, flight.is_log, flight.aircraft, options, program_key(), keep, program_place()
         )
     return answers, jobs
+
+
+def _file_key(path: Path) -> str:
+    """Key of a file beside a recording. Raises InputError."""
+    try:
+        return content_key((path,))
+    except OSError as error:
+        raise InputError(f"cannot read {path}: {error.strerror or error}") from None
 
 
 def _no_answer(reason: str) -> Answer:

@@ -299,6 +299,17 @@ def test_names_of_all_kinds_come_into_tables_and_page(place, flown):
     assert "名 &#39;前&#34;" in (out / "fleet.html").read_text()
 
 
+def test_a_file_that_cannot_be_read_costs_the_flights_of_its_airframe_alone(place, flown):
+    """Also for root, who may open all: it refused the whole fleet, and named no file."""
+    (place / "A.yaml").symlink_to("/proc/self/mem")
+    (place / "B.yaml").write_text("name: x")
+    (place / "flights" / "B" / "copy.mcap").write_text("0 A -1.0")
+    asked = Asked([str(place / "flights")], Files(str(place / "{airframe}.yaml")), place / "out", 2, 60.0)
+    failures = fly_fleet(asked, lambda *said: None, print).json["failures"]
+    assert [each["flight"] for each in failures] == [f"A/{number}" for number in range(10)]
+    assert {each["reason"] for each in failures} == {f"cannot read {place / 'A.yaml'}: Input/output error"}
+
+
 def test_a_pipe_is_not_waited_for(place, flown, monkeypatch):
     """What hangs when it is opened is left to the process of its flight, which has a limit."""
     os.mkfifo(place / "flights" / "A" / "pipe.mcap")
