@@ -166,17 +166,21 @@ def _is_bag(folder: Path) -> bool:
     return (folder / _METADATA).is_file()
 
 
-def _recordings(place: Path, out: Path, endings: Sequence[str]) -> Iterator[Path]:
-    """Recordings and logs at or below a place, in the order of their names; runs and hidden folders are no flights."""
+def _recordings(place: Path, out: Path, endings: Sequence[str], above: tuple[Path, ...] = ()) -> Iterator[Path]:
+    """Recordings and logs at or below a place, in the order of their names; runs and hidden folders are no flights.
+
+    ``above``: the folders that the search came through, of which a link may lead to one.
+    """
     if place.is_dir() and not _is_bag(place):
-        if place == out or (place / PARAMETERS).is_file():
+        folder = place.resolve()
+        if place == out or folder in above or (place / PARAMETERS).is_file():
             return
         if endings[-1] not in TABLES and holds_known_tables(place):
             yield place
             return
         for entry in sorted(place.iterdir()):
             if not entry.name.startswith(".") and (entry.is_dir() or entry.suffix.lower() in endings):
-                yield from _recordings(entry, out, endings)
+                yield from _recordings(entry, out, endings, (*above, folder))
     elif place.is_dir() or place.suffix.lower() in endings:
         yield place
 

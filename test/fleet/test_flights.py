@@ -57,6 +57,15 @@ def test_the_source_itself_is_no_place_for_results(place):
         flights_of([str(place / "fleet")], Files(str(place / "one.yaml")), place / "N9" / ".." / "fleet")
 
 
+def test_a_link_to_a_folder_above_is_not_followed(place):
+    """One was 40 flights more, and two of them took for ever; a link to another folder is followed."""
+    (place / "fleet/N1/up").symlink_to("..")
+    (place / "fleet/N1/may/here").symlink_to(".")
+    (place / "fleet/N3").symlink_to("N1/may")
+    names = {"N1/1": "N1", "N1/may/2": "N1", "N3/2": "N3", "N2/3": "N2", "N2/bag": "N2", "4": "fleet"}
+    assert found(place, "fleet") == names
+
+
 def test_patterns_and_files(place):
     assert found(place, "fleet/*/*.mcap") == {"N1/1": "N1"}
     assert found(place, "fleet/N1/1.mcap", "fleet/N2/bag") == {"1": "N1", "bag": "N2"}
