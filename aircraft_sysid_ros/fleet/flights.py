@@ -97,13 +97,22 @@ def flights_of(sources: Sequence[str], files: Files, out: Path) -> list[Flight]:
         other = by_name.setdefault(flight.name, flight)
         if other is not flight:
             raise InputError(
-                f"two flights have the name {flight.name}, {other.recording} and {flight.recording}: give them names "
-                "in a list (docs/fleet.md)"
+                f"two flights have the name {flight.name}, {other.recording} and {flight.recording}: "
+                f"{_how_to_tell_apart(flight.recording, other.recording)}give them names in a list (docs/fleet.md)"
             )
     checked: set[Path] = set()
     for flight in found:
         _check_files(flight, checked)
     return found
+
+
+def _how_to_tell_apart(one: Path, other: Path) -> str:
+    """What a user may do about two recordings with one name, but for a list."""
+    if one.stem != other.stem:  # a list has given both the name
+        return ""
+    if one.parent == other.parent:
+        return f"take one kind of file alone by a pattern in quotes, such as '**/*{one.suffix}', or "
+    return "give the folder above both as SOURCE, or "
 
 
 def check_run_folders(flights: Sequence[Flight]) -> None:

@@ -241,6 +241,18 @@ def test_two_names_of_one_folder_are_found(place, name):
         check_run_folders([replace(flight, name="N1/1/x"), replace(flight, name="N1/10"), replace(flight, name=name)])
 
 
+def test_of_two_flights_with_one_name_it_says_how_to_tell_them_apart(place):
+    """A telemetry log beside the log of a flight, and ``fleet flights/*``, of which the shell makes many sources."""
+    (place / "fleet/N2/1.mcap").touch()
+    with pytest.raises(InputError, match=r"the name 1, .*: give the folder above both as SOURCE"):
+        found(place, "fleet/N1", "fleet/N2")
+    assert found(place, "fleet")["N2/1"] == "N2"
+    (place / "fleet/N2/3.tlog").touch()
+    with pytest.raises(InputError, match=r"the name N2/3, .*: take one kind .* such as '\*\*/\*\.ulg', or give them"):
+        found(place, "fleet")
+    assert found(place, "fleet/**/*.ulg") == {"N2/3": "N2"}
+
+
 def test_what_is_not_there(place):
     (place / "empty").mkdir()
     for source, said in (("empty", "no flight is in"), ("nowhere", "there is no flight"), ("*.none", "no flight")):
