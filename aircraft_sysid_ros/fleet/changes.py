@@ -36,8 +36,8 @@ FEWEST, FEWEST_BESIDE = 6, 2
 _WITHOUT_ONE = 0.01
 #: Flights of a mean that is compared with those of other airframes.
 FEWEST_OF_A_MEAN = 2
-#: Flights and relative spread of the airspeed from which its part is fitted.
-FEWEST_WITH_AIRSPEED, AIRSPEED_SPREAD = 10, 0.05
+#: Relative spread of the airspeed from which its part is fitted.
+AIRSPEED_SPREAD = 0.05
 #: Times that the date of a jump and the spread between flights are found in turn.
 _ROUNDS = 5
 
@@ -59,7 +59,7 @@ class Series:
         """Columns (n, 1 or 2) of the constant, and of the airspeed where it counts."""
         ones = np.ones((len(self), 1))
         mean = float(np.mean(self.airspeed))
-        if len(self) < FEWEST_WITH_AIRSPEED or not np.std(self.airspeed) >= AIRSPEED_SPREAD * mean:
+        if not np.std(self.airspeed) >= AIRSPEED_SPREAD * mean:
             return ones
         return np.column_stack([ones, self.airspeed / mean - 1.0])
 

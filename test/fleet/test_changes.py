@@ -75,6 +75,16 @@ def test_faster_flights_are_no_drift():
         assert change_of(alone).p_value < 1e-3
 
 
+@pytest.mark.parametrize("flights", range(6, 10))
+def test_of_a_few_flights_faster_ones_are_no_change(flights):
+    """Airspeed counted from ten flights on: of eight that flew faster and faster three in four seemed to change."""
+    rng = np.random.default_rng([97, flights])
+    airspeed = [np.linspace(18.0, 24.0, flights) * (1.0 + 0.03 * rng.normal(size=flights)) for _ in range(20)]
+    made = [series(rng, flights=flights, airspeed=each) for each in airspeed]
+    tilted = [Series(one.number, one.value + 3.0 * one.airspeed, one.std, one.airspeed) for one in made]
+    assert sum(change_of(one).p_value < 0.05 for one in tilted) <= 3
+
+
 @pytest.mark.parametrize("flights", range(6))
 def test_too_few_flights_say_nothing(flights):
     assert change_of(series(np.random.default_rng(0), flights=flights)) is None
