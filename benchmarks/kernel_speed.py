@@ -125,7 +125,8 @@ def run_ours(n, every, imu, air, fixes, terms, measured, offsets, dt, forgetting
              x, p, theta, rls_p, sums, recent):  # fmt: skip
     """The kernels of the estimators in the order of ``run`` in step.c."""
     values = np.full(WIDTH, np.nan)
-    density = np.array([setup.accelerometer_variance * dt, setup.gyro_variance * dt])
+    density = np.empty(6)
+    density[:3], density[3:] = setup.accelerometer_variance * dt, setup.gyro_variance * dt
     for k in range(1, n + 1):
         rate = imu[k, 3:]
         if every[0] and k % every[0] == 0:

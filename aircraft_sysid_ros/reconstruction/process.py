@@ -177,35 +177,47 @@ def _apply_transition(m: Array, blocks: Blocks, dt: float) -> None:
 
 
 @njit(cache=True)
-def _add_block(p: Array, row: int, column: int, scale: float, m: Matrix) -> None:
-    """Add a multiple of a block to p, whose first element stands at (row, column)."""
+def _add_block(p: Array, row: int, column: int, m: Matrix) -> None:
+    """Add a block to p, whose first element stands at (row, column)."""
     for j in range(3):
-        p[row, column + j] += scale * m[j]
-        p[row + 1, column + j] += scale * m[3 + j]
-        p[row + 2, column + j] += scale * m[6 + j]
+        p[row, column + j] += m[j]
+        p[row + 1, column + j] += m[3 + j]
+        p[row + 2, column + j] += m[6 + j]
+
+
+@njit(cache=True)
+def _by_axis(m: Matrix, d: Vector) -> Matrix:
+    """Matrix times the diagonal matrix of d."""
+    return (
+        m[0] * d[0], m[1] * d[1], m[2] * d[2],
+        m[3] * d[0], m[4] * d[1], m[5] * d[2],
+        m[6] * d[0], m[7] * d[1], m[8] * d[2],
+    )  # fmt: skip
 
 
 @njit(cache=True)
 def add_process_noise(p: Array, x: Array, dt: float, density: Array, wind_walk: float, setup: Setup) -> None:
     """Add the covariance of Gamma w over dt [s] (3.11) to p (18, 18), at the state after the step.
 
-    ``density`` (2,) of the white noise of accelerometer [(m/s^2)^2 s] and gyro [(rad/s)^2 s]. The noise of the
-    accelerometer moves both velocities; that of the gyro turns u together with the attitude.
+    ``density`` (6,) of the white noise of the axes of accelerometer [(m/s^2)^2 s] and gyro [(rad/s)^2 s]. The noise of
+    the accelerometer moves both velocities; that of the gyro turns u together with the attitude.
     """
     w, i, j, k = attitude_of(x)
     c, arm = rotation(w, i, j, k), crossing(three(x[AIR_VELOCITY]))
-    force, rate = density[0] * dt, density[1] * dt
+    force = density[0] * dt, density[1] * dt, density[2] * dt
+    rate = density[3] * dt, density[4] * dt, density[5] * dt
     for axis in range(3):
-        p[D_VELOCITY + axis, D_VELOCITY + axis] += force
-        p[D_ATTITUDE + axis, D_ATTITUDE + axis] += rate
+        p[D_ATTITUDE + axis, D_ATTITUDE + axis] += rate[axis]
         p[D_ACCELEROMETER_BIAS + axis, D_ACCELEROMETER_BIAS + axis] += setup.accelerometer_walk**2 * dt
         p[D_GYRO_BIAS + axis, D_GYRO_BIAS + axis] += setup.gyro_walk**2 * dt
-        p[D_AIR_VELOCITY + axis, D_AIR_VELOCITY + axis] += force + wind_walk**2 * dt
-    _add_block(p, D_AIR_VELOCITY, D_AIR_VELOCITY, rate, multiplied(arm, transposed(arm)))
-    _add_block(p, D_VELOCITY, D_AIR_VELOCITY, force, c)
-    _add_block(p, D_AIR_VELOCITY, D_VELOCITY, force, transposed(c))
-    _add_block(p, D_AIR_VELOCITY, D_ATTITUDE, rate, arm)
-    _add_block(p, D_ATTITUDE, D_AIR_VELOCITY, rate, transposed(arm))
+        p[D_AIR_VELOCITY + axis, D_AIR_VELOCITY + axis] += force[axis] + wind_walk**2 * dt
+    moves, turns = _by_axis(c, force), _by_axis(arm, rate)
+    _add_block(p, D_VELOCITY, D_VELOCITY, multiplied(moves, transposed(c)))
+    _add_block(p, D_AIR_VELOCITY, D_AIR_VELOCITY, multiplied(turns, transposed(arm)))
+    _add_block(p, D_VELOCITY, D_AIR_VELOCITY, moves)
+    _add_block(p, D_AIR_VELOCITY, D_VELOCITY, transposed(moves))
+    _add_block(p, D_AIR_VELOCITY, D_ATTITUDE, turns)
+    _add_block(p, D_ATTITUDE, D_AIR_VELOCITY, transposed(turns))
 
 
 @njit(cache=True)

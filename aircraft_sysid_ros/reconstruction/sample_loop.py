@@ -34,6 +34,7 @@ from aircraft_sysid_ros.reconstruction.sparse_imu import (
     hidden_motion,
     is_sparse,
     mean_beyond_line,
+    missed_by_line,
     note_motion,
     second_difference,
 )
@@ -164,7 +165,7 @@ def _doubted(time: float, last_fused: Array, last_rejected: Array, setup: Setup)
 def _look_at_interval(
     end: float, values: Array, x: Array, setup: Setup, memory: Memory, bend: Array, density: Array
 ) -> None:
-    """Density (2,) of the noise of the IMU up to its sample at ``end`` [s], and its bend (6,), 0 where it is dense."""
+    """Density (6,) of the noise of the IMU up to its sample at ``end`` [s], and its bend (6,), 0 where it is dense."""
     interval = end - memory.imu[0]
     of_force, of_rate = setup.accelerometer_variance, setup.gyro_variance
     if setup.learns and air_speed(x) >= setup.minimum_airspeed:
@@ -176,6 +177,7 @@ def _look_at_interval(
     if not setup.imu_given[1]:
         of_rate *= scales[1]
     bend[:] = 0.0
+    density[:] = 0.0
     hidden = held_motion(interval, end, values, memory)
     if sparse:
         second_difference(end, values, setup.maximum_gap, memory, bend)
@@ -185,9 +187,10 @@ def _look_at_interval(
     elif interval > LONG:
         across = hidden_motion(interval, values, memory)
         hidden = max(hidden[0], across[0]), max(hidden[1], across[1])
-    of_force += hidden[0]
-    of_rate += hidden[1]
-    density[0], density[1] = of_force * interval, of_rate * interval
+    else:
+        missed_by_line(interval, values, (of_force, of_rate), memory, density)
+    for i in range(6):
+        density[i] = (density[i] + (of_force + hidden[0] if i < 3 else of_rate + hidden[1])) * interval
 
 
 @njit(cache=True)
@@ -246,7 +249,7 @@ def run(
     """
     setup, memory = one_setup[0], one_memory[0]
     count, steps, i, n = 0, 0, start, len(times)
-    imu, mean, bend, density = memory.imu, np.empty(6), np.zeros(6), np.empty(2)
+    imu, mean, bend, density = memory.imu, np.empty(6), np.zeros(6), np.empty(6)
     force, rate, rate_now = mean[0:3], mean[3:6], np.empty(3)
     while True:
         j = i

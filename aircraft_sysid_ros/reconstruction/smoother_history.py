@@ -28,10 +28,10 @@ _FORCE = _COVARIANCE + ERROR_SIZE * (ERROR_SIZE + 1) // 2
 FORCE = slice(_FORCE, _FORCE + 3)  # as measured, mean over the step
 RATE = slice(_FORCE + 3, _FORCE + 6)
 DT = _FORCE + 6  # [s]
-DENSITY = slice(DT + 1, DT + 3)  # of the white noise of accelerometer and gyro, see process.add_process_noise
-WIND_WALK = DT + 3  # [m/s per sqrt(s)] that the filter used
-HAS_ROW = DT + 4  # 1: a row of state.StateField belongs to the end of the step
-STEP_WIDTH = DT + 5
+DENSITY = slice(DT + 1, DT + 7)  # of the white noise of accelerometer and gyro, see process.add_process_noise
+WIND_WALK = DT + 7  # [m/s per sqrt(s)] that the filter used
+HAS_ROW = DT + 8  # 1: a row of state.StateField belongs to the end of the step
+STEP_WIDTH = DT + 9
 #: Bytes of a table that stay in memory: ten minutes of steps at 100 Hz.
 IN_MEMORY = 160_000_000
 

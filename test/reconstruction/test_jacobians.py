@@ -127,15 +127,15 @@ def test_process_noise_is_what_noisy_inputs_do(setup: Setup) -> None:
     end = x.copy()
     propagate_state(end, force, rate, dt, GRAVITY)
     random = np.random.default_rng(0)
-    errors = []
+    errors, std = [], np.array([0.2, 0.1, 0.3, 0.05, 0.02, 0.04])  # of each axis another one
     for _ in range(20000):
         moved = x.copy()
-        noisy_force, noisy_rate = force + 0.2 * random.normal(size=3), rate + 0.05 * random.normal(size=3)
+        noisy_force, noisy_rate = force + std[:3] * random.normal(size=3), rate + std[3:] * random.normal(size=3)
         propagate_state(moved, noisy_force, noisy_rate, dt, GRAVITY)
         errors.append(difference(moved, end))
     sampled = np.cov(np.array(errors).T)
     expected = np.zeros((ERROR_SIZE, ERROR_SIZE))
-    add_process_noise(expected, end, dt, np.array([0.2**2, 0.05**2]) * dt, 0.0, quiet)
+    add_process_noise(expected, end, dt, std**2 * dt, 0.0, quiet)
     moving = [0, 1, 2, 6, 7, 8, 15, 16, 17]
     scale = np.sqrt(np.diag(expected)[moving])
     assert np.allclose(

@@ -93,7 +93,8 @@ def a_step(seed: int, setup):
     x[16:19] += [17.0, 0.0, 1.0]
     root = 0.02 * random.normal(size=(ERROR_SIZE, ERROR_SIZE))
     p = root @ root.T + 1e-6 * np.eye(ERROR_SIZE)
-    arguments = (np.array([0.5, 0.2, -9.0]), np.array([0.3, -0.2, 0.1]), 0.008, np.array([9e-6, 4e-8]), 0.7)
+    density = np.array([9e-6, 4e-6, 2e-5, 4e-8, 3e-8, 5e-8])
+    arguments = (np.array([0.5, 0.2, -9.0]), np.array([0.3, -0.2, 0.1]), 0.008, density, 0.7)
     step = np.empty(STEP_WIDTH)
     record_step(step, x, p, *arguments)
     predicted, p_predicted = x.copy(), p.copy()

@@ -6,17 +6,20 @@ import numpy as np
 import pytest
 from slow_flights import FAST, all_thinned, fast_flight, file_of_users, thinned
 
+from aircraft_sysid_ros.aircraft.frames import rotation_matrices
 from aircraft_sysid_ros.reconstruction.sparse_imu import (
     held_motion,
     hidden_motion,
     is_sparse,
     mean_beyond_line,
+    missed_by_line,
     note_motion,
     second_difference,
 )
 from aircraft_sysid_ros.reconstruction.state import StateField, new_memory
 from aircraft_sysid_ros.reconstruction.state_estimator import StateEstimator
 from aircraft_sysid_ros.samples import Kind, Samples, samples_of
+from aircraft_sysid_ros.simulation.simulated_flight import simulate_samples
 
 
 def integral(times: np.ndarray, values: np.ndarray) -> float:
@@ -208,3 +211,49 @@ def test_the_weight_of_an_imu_that_stands_from_the_start_is_no_motion() -> None:
         return rows[:, StateField.STANDARD_DEVIATIONS][:, :3]
 
     np.testing.assert_allclose(velocity_std(level), velocity_std(level + noise), rtol=0.02)
+
+
+def missed(values: np.ndarray, noise: float, interval: float = 0.01) -> float:
+    """Variance that the line between dense samples of one axis is said to miss, at their end."""
+    memory, out = new_memory(len(Kind), 0.1), np.zeros(6)
+    for k, value in enumerate(values):
+        time, sample = k * interval, np.full(6, value)
+        if k > 1:
+            missed_by_line(interval, sample, (noise**2, noise**2), memory, out)
+        memory.imu_before[:] = memory.imu
+        memory.imu[0], memory.imu[1:] = time, sample
+    assert (out == out[0]).all()
+    return float(out[0])
+
+
+def test_what_a_line_misses_of_a_force_that_wanders_is_as_large_as_it_is() -> None:
+    """Against the force itself at a hundred times the rate; of what is only noise, and of slow motion, nothing."""
+    random, finer, step = np.random.default_rng(4), 100, 0.7
+    fine = np.cumsum(step / np.sqrt(finer) * random.normal(size=finer * 20000))
+    coarse = fine[::finer]
+    means = np.array([fine[k : k + finer].mean() for k in range(0, len(fine) - finer, finer)])
+    true = np.var(means - 0.5 * (coarse[1:] + coarse[:-1]))
+    assert true == pytest.approx(step**2 / 12.0, rel=0.05)
+    said = [missed(coarse[k : k + 500] + 0.1 * random.normal(size=500), 0.1) for k in range(0, 20000, 500)]
+    assert np.mean(said) == pytest.approx(true, rel=0.15)  # of 40 means over about a hundred second differences each
+    assert np.mean([missed(0.1 * random.normal(size=500), 0.1) for _ in range(40)]) < 0.1 * 0.1**2
+    assert missed(3.0 * np.sin(2.0 * np.pi * 0.01 * np.arange(500)), 0.0) < 1e-4
+
+
+@pytest.mark.parametrize("turbulence", ["light", "moderate"])
+def test_in_gusts_the_vertical_velocity_is_as_sure_as_it_is_right(aircraft, turbulence: str) -> None:
+    """Samples of the IMU are of an instant: its errors were 1.3 and twice their standard deviations."""
+    squares = []
+    for seed in range(4):
+        flight = simulate_samples(aircraft, 40 + seed, 60.0, turbulence=turbulence)
+        estimator = StateEstimator(flight.aircraft)
+        rows = np.concatenate([estimator.push(flight.samples), estimator.flush()])
+        begin = (estimator.epoch - flight.biases.stamp[0]) * 1e-9
+        rows = rows[rows[:, StateField.TIME] > 20.0]
+        truth = flight.truth.at(rows[:, StateField.TIME] + begin)
+        turning = np.cross(truth.rates, aircraft.imu_position)
+        at_imu = truth.velocity + np.einsum("nij,nj->ni", rotation_matrices(truth.quaternion), turning)
+        std = rows[:, StateField.STANDARD_DEVIATIONS][:, :3]
+        squares.append(np.mean(((rows[:, StateField.VELOCITY] - at_imu) / std) ** 2, axis=0))
+    assert (np.mean(squares, axis=0) < 1.4).all()  # of 4 flights, 100 independent fixes each: 0.2 is two sigma
+    assert (np.mean(squares, axis=0) > 0.6).all()
