@@ -549,6 +549,7 @@ class StateEstimator:
             self._one_setup = in_array(setup)
         self.memory.imu[0], self.memory.imu[1:7] = time, imu[:6]
         self.memory.imu_before[:] = -np.inf
+        self.memory.line[:] = 0.0
         self.memory.shown_since[:] = time
         if not self.memory.motion.any():
             self.memory.motion[0] = imu[:6]  # its weight is no motion

@@ -143,7 +143,9 @@ def test_a_vane_that_contradicts_the_rest_may_sit_where_no_file_says(aircraft, s
     )
     integrity = SimpleNamespace(summary=lambda: {"holds": 30 if held else 0, "held": held})
     changes = SimpleNamespace(alarms=list)
-    notes = flight_notes(state, SimpleNamespace(learning=SimpleNamespace(changes=changes, integrity=integrity)))
+    stream = SimpleNamespace(controls=SimpleNamespace(mass_in_words=""))
+    learning = SimpleNamespace(changes=changes, integrity=integrity)
+    notes = flight_notes(state, SimpleNamespace(learning=learning, stream=stream))
     assert any("set air_data_position" in note for note in notes) is bool(held and not says_where)
     assert len(notes) == bool(held) + bool(held and not says_where)
 
