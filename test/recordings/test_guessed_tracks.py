@@ -52,6 +52,27 @@ def test_speed_and_course_over_ground_are_the_velocity(flight, tmp_path, names):
         np.testing.assert_allclose(value, velocity[:, i], atol=0.02)
 
 
+@pytest.mark.parametrize("declination", [0.0, 13.0, -8.0])
+def test_a_course_from_magnetic_north_is_left_to_the_user(flight, tmp_path, declination):
+    """A panel's track is magnetic: the velocity to the north was sure, and turned by the declination."""
+
+    def further(truth, rows):
+        north, east = truth.velocity[rows, 0], truth.velocity[rows, 1]
+        latitude, longitude, _ = truth.origin
+        return {
+            "lat_deg": np.degrees(latitude + truth.position[rows, 0] / 6.371e6),
+            "lon_deg": np.degrees(longitude + truth.position[rows, 1] / 6.371e6 / np.cos(latitude)),
+            "gs_kt": np.hypot(north, east) / KNOT,
+            "track_deg": (np.degrees(np.arctan2(east, north)) - declination) % 360.0,
+        }
+
+    lines, *_ = lines_of(flight, tmp_path, further)
+    pair = [lines[f"velocity.{way}"] for way in ("north", "east")]
+    assert [line.active for line in pair] == [not declination] * 2
+    if declination:
+        assert all(f"{abs(declination):.0f} deg" in line.evidence and "magnetic" in line.evidence for line in pair)
+
+
 def test_velocities_that_have_names_go_before(flight, tmp_path):
     def further(truth, rows):
         north, east = truth.velocity[rows, 0], truth.velocity[rows, 1]

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from aircraft_sysid_ros.recordings.tabular.guess import laws_of_air, laws_of_several
-from aircraft_sysid_ros.recordings.tabular.guess.flight_columns import FAIR, GOOD, SURE_T, Flight
+from aircraft_sysid_ros.recordings.tabular.guess.flight_columns import FAIR, GOOD, SLOWEST, SURE_T, Flight, metres_along
 from aircraft_sysid_ros.recordings.tabular.guess.laws_of_one import (
     CANDIDATES,
     is_of_size,
@@ -32,6 +32,9 @@ _JOINT = (
     (laws_of_several.lateral, "the kinematics of sideslip, yaw rate, bank and a_y"),
 )
 _PASSES = 6
+#: A course and that of the position: compared over [s], where it turns by less [rad/s], in so much of the flight [s].
+_COURSE_SECONDS, _STRAIGHT, _LEAST_STRAIGHT = 3.0, np.radians(3.0), 10.0
+_DECLINATION = 3.0  # [deg], from which on a course is taken to be magnetic
 _CERTAIN = 0.9  # correlation of a law that is right about a unit
 _SIZE = 0.7  # logarithm of what a slope may be off where a sign is taken from it
 
@@ -56,6 +59,7 @@ def _resolved(columns: dict[str, Column]) -> Flight:
     while _take_custom(flight):
         _by_all_laws(flight)
     _check_signs(flight)
+    _check_course(flight)
     _controls(flight)
     _air(flight)
     _check_said(flight)
@@ -362,6 +366,28 @@ def _check_said(flight: Flight) -> None:
                 unit = unit_of_slope(found.slope, found.correlation, signal, tolerance)
                 column.doubt = f"its header says {column.said_unit}, but {law} says {unit or 'another unit'}"
             break
+
+
+def _check_course(flight: Flight) -> None:
+    """That a course over ground counts from true north, by that of the position where the aeroplane flies straight."""
+    north, east = (flight.columns.get(f"velocity.{way}") for way in ("north", "east"))
+    along = [metres_along(flight, axis) for axis in (0, 1)]
+    if north is None or east is None or not north.expression or north.name != east.name:
+        return
+    if along[0] is None or along[1] is None:
+        return
+    grid = flight.grid
+    moved = grid.rate(along[0], _COURSE_SECONDS) + 1j * grid.rate(along[1], _COURSE_SECONDS)
+    told = [grid.smooth(flight.raw(f"velocity.{way}"), _COURSE_SECONDS) for way in ("north", "east")]
+    off = np.angle(moved * (told[0] - 1j * told[1]))
+    turning = np.abs(np.imag(np.gradient(moved, grid.step) / moved))
+    straight = np.isfinite(off) & (turning < _STRAIGHT) & (np.abs(moved) > SLOWEST)
+    if np.sum(straight) * grid.step < _LEAST_STRAIGHT:
+        return
+    least, middle, most = np.degrees(np.percentile(off[straight], (25, 50, 75)))
+    if abs(middle) > _DECLINATION and least * most > 0.0:
+        for column in (north, east):
+            column.doubt = f"its course is {abs(middle):.0f} deg off that of the position: from magnetic north?"
 
 
 def _check_signs(flight: Flight) -> None:
