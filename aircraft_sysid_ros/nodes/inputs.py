@@ -22,6 +22,8 @@ from typing import Any
 _BEHIND = 20_000_000
 #: Messages that a process that is behind receives before its services and timers have their turn.
 _MOST_AT_ONCE = 200
+#: So often it receives what has come meanwhile: who is always behind must hear that it is to stop.
+_MOST_TURNS = 20
 #: Of so many messages of a topic that is heard twice it is known that they came.
 _MOST_KNOWN = 100
 #: A message and its information.
@@ -132,11 +134,19 @@ class Input:
         came, now = info["received_timestamp"], time.time_ns()  # 0: the middleware does not say
         if came and now - came > _BEHIND:
             self._next = message, info
-            while _catch_up(self._beside() or (() if self._is_closed else (self,)), now):
+            for _ in range(_MOST_TURNS):  # what comes meanwhile has its place among them, too
+                now = time.time_ns()
+                while _catch_up(self._all(), now):
+                    self._others()
                 self._others()
-            self._others()
+                if time.time_ns() - now < _BEHIND:
+                    break
+            _receive_held(self._all())
         else:
             self._take(message, info)
+
+    def _all(self) -> Sequence[Input]:
+        return self._beside() or (() if self._is_closed else (self,))
 
     def _take(self, message: Any, info: dict[str, Any]) -> None:
         self._numbers.take(info["publication_sequence_number"])
@@ -148,25 +158,26 @@ class Input:
 
 
 def _catch_up(inputs: Sequence[Input], now: int) -> bool:
-    """Receive what came by ``now`` [ns], the oldest first, or a part of it; returns whether there may be more.
-
-    What was taken to see how old it is is received at the end too, since the executor knows no more of it. Sooner, one
-    message of a sensor that had been silent would set the clock ahead of all that still waits.
-    """
+    """Receive what came by ``now`` [ns], the oldest first, or a part of it; returns whether there may be more."""
     for _ in range(_MOST_AT_ONCE):
         heads = [(taken, each) for each in inputs if (taken := each._look())]
         taken, first = min(heads, key=lambda head: head[0][1]["received_timestamp"], default=(None, None))
         if taken is None or first is None or taken[1]["received_timestamp"] > now:
-            break
+            return False
         first._next = None
         first._take(*taken)
-    else:
-        return True
+    return True
+
+
+def _receive_held(inputs: Sequence[Input]) -> None:
+    """What was taken to see how old it is is received at the end, since the executor knows no more of it.
+
+    Sooner, one message of a sensor that had been silent would set the clock ahead of all that still waits.
+    """
     held = [(each._next, each) for each in inputs if each._next]
     for taken, each in sorted(held, key=lambda head: head[0][1]["received_timestamp"]):
         each._next = None
         each._take(*taken)
-    return False
 
 
 class _Both:

@@ -116,6 +116,35 @@ def test_a_drain_receives_what_has_come_in_the_order_in_which_it_was_sent(pair):
     assert taken == order
 
 
+def test_what_comes_while_a_process_catches_up_keeps_its_order_too(pair, bench):
+    """The first fix of a GPS was received seconds before the IMU that had come before it, and was left out as wrong."""
+    taken, inputs, publishers = pair(QoSProfile(history=HistoryPolicy.KEEP_ALL))
+    for each in inputs:
+        each._beside = lambda: inputs
+    message, order = Imu(), []
+
+    def publish(number, side):
+        message.header.stamp.sec = number
+        publishers[side].publish(message)
+        publishers[side].wait_for_all_acked()
+        order.append((("left", "right")[side], number))
+
+    def busy(received, take=inputs[0]._receive):
+        take(received)
+        if received.header.stamp.sec == 10:
+            for number in range(300, 600):
+                publish(number, 0)
+            publish(600, 1)
+            publish(601, 0)
+
+    inputs[0]._receive = busy
+    for number in range(300):
+        publish(number, 0)
+    time.sleep(0.05)
+    bench.spin_until(lambda: len(taken) == len(order) == 602)
+    assert taken == order
+
+
 def test_a_process_that_is_behind_receives_all_topics_in_the_order_in_which_they_came(pair, bench):
     """One message of a topic that had been silent was received before hundreds that came before it."""
     taken, inputs, publishers = pair(QoSProfile(history=HistoryPolicy.KEEP_ALL))
