@@ -177,18 +177,18 @@ def _look_at_interval(
     if not setup.imu_given[1]:
         of_rate *= scales[1]
     bend[:] = 0.0
-    density[:] = 0.0
     hidden = held_motion(interval, end, values, memory)
+    density[:] = 0.0
     if sparse:
         second_difference(end, values, setup.maximum_gap, memory, bend)
         beyond = mean_beyond_line(0.0, 1.0, interval)
         of_force += np.sum((beyond * bend[0:3]) ** 2) / 3.0
         of_rate += np.sum((beyond * bend[3:6]) ** 2) / 3.0
-    elif interval > LONG:
-        across = hidden_motion(interval, values, memory)
-        hidden = max(hidden[0], across[0]), max(hidden[1], across[1])
     else:
         missed_by_line(interval, values, (of_force, of_rate), memory, density)
+        if interval > LONG:
+            across = hidden_motion(interval, values, memory)
+            hidden = max(hidden[0], across[0]), max(hidden[1], across[1])
     for i in range(6):
         density[i] = (density[i] + (of_force + hidden[0] if i < 3 else of_rate + hidden[1])) * interval
 

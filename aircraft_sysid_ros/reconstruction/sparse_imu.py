@@ -14,13 +14,14 @@ Dense and sparse is told by stamps alone: more than half of the newest intervals
 
 Dense samples are integrated along the line, too, and what they are sampled of is not smooth: gusts shake an aeroplane
 as white noise does that was integrated once, and each sample is of an instant. Between two samples such a force is a
-Brownian bridge, whose mean over the interval has a variance of a twelfth of that of a step; the second difference of
-three samples, f1 - 2 f0 + f-1, has twice that of a step and six times that of white noise of a sample. So
+Brownian bridge: of a random walk of the intensity w the line misses w T / 12 of the variance of the mean. What one
+slope and the next differ by has the variance w (1 / T0 + 1 / T1), and of white noise of a sample of the variance s^2
 
-    (mean square of second differences - 6 s^2) / 24
+    s^2 (1 / T0^2 + 1 / T1^2 + (1 / T0 + 1 / T1)^2).
 
-is added to the variance s^2 of a sample, axis by axis. In moderate turbulence that is forty times the noise of a good
-accelerometer, where the vertical velocity and the bias had errors of twice their standard deviations.
+So w is learnt, axis by axis, and what the line misses is added to the variance of a sample, a hole's by its length. In
+moderate turbulence that is forty times the noise of a good accelerometer, where the vertical velocity and the bias had
+errors of twice their standard deviations.
 
 A hole among dense samples, where a logger waited or a link lost packets, is integrated along the line, and that misses
 up to x^2 / 3 of the motion. How large that is, the last second says, or the step across the hole where it is more; it
@@ -94,17 +95,20 @@ def note_motion(interval: float, values: Array, memory: Memory) -> None:
 
 @njit(cache=True)
 def missed_by_line(interval: float, values: Array, variance: tuple[float, float], memory: Memory, out: Array) -> None:
-    """Variance (6,) of the mean input over an ``interval`` [s] before a sample for what the line between two dense
-    samples misses, into ``out``; ``variance`` of a sample of accelerometer and gyro is noise.
+    """Variance (6,) of the mean input over an ``interval`` [s] before a sample for what the line between two samples
+    misses where they are dense, into ``out``; ``variance`` of a sample of accelerometer and gyro is noise. Dense
+    intervals tell how large it is.
     """
     before = memory.imu[0] - memory.imu_before[0]
     if 0.0 < interval <= LONG and 0.0 < before <= LONG:
-        gain = min(interval / _LATELY, 1.0)
+        old, new, gain = 1.0 / before, 1.0 / interval, min(interval / _LATELY, 1.0)
+        of_noise = (old * old + new * new) / (old + new) + old + new
         for i in range(6):
-            bend = values[i] - 2.0 * memory.imu[1 + i] + memory.imu_before[1 + i]
-            memory.line[i] += gain * (bend * bend - memory.line[i])
+            slope = old * (memory.imu[1 + i] - memory.imu_before[1 + i])
+            bend = new * (values[i] - memory.imu[1 + i]) - slope
+            memory.line[i] += gain * (bend * bend / (old + new) - of_noise * variance[i // 3] - memory.line[i])
     for i in range(6):
-        out[i] = max(memory.line[i] - 6.0 * variance[i // 3], 0.0) / 24.0
+        out[i] = max(memory.line[i], 0.0) * interval / 12.0
 
 
 @njit(cache=True)

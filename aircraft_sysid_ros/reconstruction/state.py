@@ -228,7 +228,7 @@ class Memory(Record):
 
     imu: npt.NDArray[np.float64]  # (7,) time, specific force, angular rate as measured
     imu_before: npt.NDArray[np.float64]  # (7,) the sample before it
-    line: npt.NDArray[np.float64]  # (6,) mean square of what dense samples depart from a line, see ``sparse_imu``
+    line: npt.NDArray[np.float64]  # (6,) random walk of what dense samples are of [square per s], see ``sparse_imu``
     motion: npt.NDArray[np.float64]  # (2, 6) mean and variance of what the IMU has measured lately, see ``sparse_imu``
     shown_since: npt.NDArray[np.float64]  # (1,) time [s] since which it shows its newest sample
     sparse: npt.NDArray[np.int64]  # (1,) votes for an IMU that is slow, see ``sparse_imu``
