@@ -35,6 +35,7 @@ from aircraft_sysid_ros.reconstruction.sparse_imu import (
     is_sparse,
     mean_beyond_line,
     missed_by_line,
+    missed_by_parabola,
     note_motion,
     second_difference,
 )
@@ -178,8 +179,8 @@ def _look_at_interval(
         of_rate *= scales[1]
     bend[:] = 0.0
     hidden = held_motion(interval, end, values, memory)
-    density[:] = 0.0
     if sparse:
+        missed_by_parabola(interval, setup.maximum_gap, values, (of_force, of_rate), memory, density)
         second_difference(end, values, setup.maximum_gap, memory, bend)
         beyond = mean_beyond_line(0.0, 1.0, interval)
         of_force += np.sum((beyond * bend[0:3]) ** 2) / 3.0
@@ -216,9 +217,10 @@ def _between(begin: Array, end: Array, elapsed: float, interval: float, out: Arr
 
 @njit(cache=True)
 def _note_imu(time: float, values: Array, memory: Memory) -> None:
-    """Keep the sample of the IMU that has been reached, and the one before it."""
+    """Keep the sample of the IMU that has been reached, and the two before it."""
     if time > memory.imu[0]:
         note_motion(time - memory.imu[0], values, memory)
+        memory.imu_first[:] = memory.imu_before
         memory.imu_before[:] = memory.imu
     memory.imu[0] = time
     memory.imu[1:7] = values[0:6]

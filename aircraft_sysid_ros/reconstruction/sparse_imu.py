@@ -21,7 +21,8 @@ slope and the next differ by has the variance w (1 / T0 + 1 / T1), and of white 
 
 So w is learnt, axis by axis, and what the line misses is added to the variance of a sample, a hole's by its length. In
 moderate turbulence that is forty times the noise of a good accelerometer, where the vertical velocity and the bias had
-errors of twice their standard deviations.
+errors of twice their standard deviations. Of sparse samples slopes differ by the motion itself, and w is what one b and
+the next differ by more than white noise does: gusts have as much of that as before, motion much less.
 
 A hole among dense samples, where a logger waited or a link lost packets, is integrated along the line, and that misses
 up to x^2 / 3 of the motion. How large that is, the last second says, or the step across the hole where it is more; it
@@ -107,6 +108,32 @@ def missed_by_line(interval: float, values: Array, variance: tuple[float, float]
             slope = old * (memory.imu[1 + i] - memory.imu_before[1 + i])
             bend = new * (values[i] - memory.imu[1 + i]) - slope
             memory.line[i] += gain * (bend * bend / (old + new) - of_noise * variance[i // 3] - memory.line[i])
+    for i in range(6):
+        out[i] = max(memory.line[i], 0.0) * interval / 12.0
+
+
+@njit(cache=True)
+def missed_by_parabola(
+    interval: float, longest: float, values: Array, variance: tuple[float, float], memory: Memory, out: Array
+) -> None:
+    """The same of sparse samples, where the parabola through three of them takes the place of the line. Intervals above
+    ``longest`` [s] tell nothing.
+    """
+    before, first = memory.imu[0] - memory.imu_before[0], memory.imu_before[0] - memory.imu_first[0]
+    if 0.0 < interval <= longest and 0.0 < before <= longest and 0.0 < first <= longest:
+        new, old, gain = 1.0 / (before + interval), 1.0 / (first + before), min(interval / _LATELY, 1.0)
+        of_walk = new * new / interval + (new + old) ** 2 / before + old * old / first
+        of_noise = (
+            (new / interval) ** 2
+            + (new / interval + (new + old) / before) ** 2
+            + ((new + old) / before + old / first) ** 2
+            + (old / first) ** 2
+        )
+        for i in range(6):
+            middle = (memory.imu[1 + i] - memory.imu_before[1 + i]) / before
+            bend = new * ((values[i] - memory.imu[1 + i]) / interval - middle)
+            bend -= old * (middle - (memory.imu_before[1 + i] - memory.imu_first[1 + i]) / first)
+            memory.line[i] += gain * ((bend * bend - of_noise * variance[i // 3]) / of_walk - memory.line[i])
     for i in range(6):
         out[i] = max(memory.line[i], 0.0) * interval / 12.0
 

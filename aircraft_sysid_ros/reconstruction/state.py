@@ -228,7 +228,8 @@ class Memory(Record):
 
     imu: npt.NDArray[np.float64]  # (7,) time, specific force, angular rate as measured
     imu_before: npt.NDArray[np.float64]  # (7,) the sample before it
-    line: npt.NDArray[np.float64]  # (6,) random walk of what dense samples are of [square per s], see ``sparse_imu``
+    imu_first: npt.NDArray[np.float64]  # (7,) and the one before that
+    line: npt.NDArray[np.float64]  # (6,) random walk of what samples are of [square per s], see ``sparse_imu``
     motion: npt.NDArray[np.float64]  # (2, 6) mean and variance of what the IMU has measured lately, see ``sparse_imu``
     shown_since: npt.NDArray[np.float64]  # (1,) time [s] since which it shows its newest sample
     sparse: npt.NDArray[np.int64]  # (1,) votes for an IMU that is slow, see ``sparse_imu``
@@ -293,6 +294,7 @@ def new_memory(kinds: int, wind_walk: float) -> Memory:
         Memory,
         imu=np.zeros(7),
         imu_before=np.full(7, -np.inf),
+        imu_first=np.full(7, -np.inf),
         line=np.zeros(6),
         motion=np.zeros((2, 6)),
         shown_since=np.full(1, np.inf),

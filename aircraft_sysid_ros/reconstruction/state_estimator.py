@@ -548,7 +548,7 @@ class StateEstimator:
             setup = new_setup(self.aircraft, self.options, self._gate, origin, imu, guide, self._learns)
             self._one_setup = in_array(setup)
         self.memory.imu[0], self.memory.imu[1:7] = time, imu[:6]
-        self.memory.imu_before[:] = -np.inf
+        self.memory.imu_before[:] = self.memory.imu_first[:] = -np.inf
         self.memory.line[:] = 0.0
         self.memory.shown_since[:] = time
         if not self.memory.motion.any():

@@ -13,6 +13,7 @@ from aircraft_sysid_ros.reconstruction.sparse_imu import (
     is_sparse,
     mean_beyond_line,
     missed_by_line,
+    missed_by_parabola,
     note_motion,
     second_difference,
 )
@@ -213,14 +214,17 @@ def test_the_weight_of_an_imu_that_stands_from_the_start_is_no_motion() -> None:
     np.testing.assert_allclose(velocity_std(level), velocity_std(level + noise), rtol=0.02)
 
 
-def missed(values: np.ndarray, noise: float, times: np.ndarray | None = None) -> float:
+def missed(values: np.ndarray, noise: float, times: np.ndarray | None = None, *, sparse: bool = False) -> float:
     """Variance that the line before the last of the samples of one axis is said to miss; without times at 100 Hz."""
     memory, out = new_memory(len(Kind), 0.1), np.zeros(6)
     times = 0.01 * np.arange(len(values)) if times is None else times
     for k, (time, value) in enumerate(zip(times, values, strict=True)):
         sample = np.full(6, value)
-        if k > 1:
+        if k > 1 and sparse:
+            missed_by_parabola(time - memory.imu[0], 0.5, sample, (noise**2, noise**2), memory, out)
+        elif k > 1:
             missed_by_line(time - memory.imu[0], sample, (noise**2, noise**2), memory, out)
+        memory.imu_first[:] = memory.imu_before if k > 1 else -np.inf
         memory.imu_before[:] = memory.imu
         memory.imu[0], memory.imu[1:] = time, sample
     assert (out == out[0]).all()
@@ -255,15 +259,32 @@ def test_what_a_line_misses_goes_with_the_length_of_its_interval() -> None:
     assert abs(np.mean(noisy)) < 0.1 and np.max(slow) < 1e-3
 
 
+def test_of_sparse_samples_motion_is_told_from_what_wanders() -> None:
+    """At 10 Hz, and with uneven stamps: 1 Hz is motion, which is less than the error that the parabola has of it."""
+    random, said, noisy = np.random.default_rng(6), [], []
+    for k in range(200):
+        times = 0.1 * np.arange(200) if k % 2 else np.cumsum(random.choice([0.03, 0.1, 0.2], size=200))
+        times = np.append(times, times[-1] + 0.1)
+        walk = np.cumsum(np.sqrt(np.diff(times, prepend=0.0)) * random.normal(size=201))
+        said.append(missed(walk, 0.0, times, sparse=True))
+        noisy.append(missed(random.normal(size=201), 1.0, times, sparse=True))
+    assert np.mean(said[::2]) == pytest.approx(0.1 / 12.0, rel=0.2) and np.mean(noisy) < 0.1
+    assert np.mean(said[1::2]) == pytest.approx(0.1 / 12.0, rel=0.2)  # a hundred means over ten differences each
+    own = np.mean((0.1**2 / 6.0 * 0.5 * (2.0 * np.pi) ** 2 * np.sin(2.0 * np.pi * 0.1 * np.arange(200))) ** 2)
+    assert missed(np.sin(2.0 * np.pi * 0.1 * np.arange(200)), 0.0, 0.1 * np.arange(200), sparse=True) < own
+
+
 @pytest.mark.parametrize(
-    ("turbulence", "rate", "lost"), [("light", 100, 0.0), ("moderate", 100, 0.0), ("moderate", 50, 0.2)]
+    ("turbulence", "rate", "lost"),
+    [("light", 100, 0.0), ("moderate", 100, 0.0), ("moderate", 50, 0.2), ("moderate", 20, 0.0), ("none", 20, 0.0)],
 )
 def test_in_gusts_the_vertical_velocity_is_as_sure_as_it_is_right(
     aircraft, turbulence: str, rate: int, lost: float
 ) -> None:
     """Samples of the IMU are of an instant: its errors were 1.3 and twice their standard deviations.
 
-    And 1.5 times where samples were lost: the line across a hole misses of gusts what its length says.
+    And 1.5 times where samples were lost: the line across a hole misses of gusts what its length says. At 20 Hz, where
+    second differences are of the motion, three times.
     """
     squares = []
     for seed in range(4):
