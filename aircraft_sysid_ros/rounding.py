@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-#: Decimals beyond which a number is written with an exponent.
+#: Places before or after the point beyond which a number is written with an exponent.
 _MOST_PLACES = 7
 _UNKNOWN = "–"
 
@@ -20,11 +20,12 @@ def rounded_to_error(value: float, std: float) -> tuple[str, str]:
     places = 1 - place
     if round(std, places) >= 10.0 ** (place + 1):  # 0.0996 is 0.10
         places -= 1
-    if places > _MOST_PLACES:
-        digits = max(math.floor(math.log10(abs(value) or std)) + places, 0)
+    value = round(value, places)
+    if abs(places) > _MOST_PLACES:
+        digits = max(math.floor(math.log10(abs(value) or std)) + places, 0) if math.isfinite(value) else 0
         return _without_minus_zero(f"{value:.{digits}e}"), f"{std:.1e}"
     shown = max(places, 0)
-    return _without_minus_zero(f"{round(value, places):.{shown}f}"), f"{round(std, places):.{shown}f}"
+    return _without_minus_zero(f"{value:.{shown}f}"), f"{round(std, places):.{shown}f}"
 
 
 def with_error(value: float, std: float, sign: str = "±") -> str:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import pytest
 
 from aircraft_sysid_ros.rounding import fixed, rounded_to_error, with_error
@@ -18,6 +20,12 @@ NAN = float("nan")
         (-7.0, 123.0, "-10 ± 120"),
         (1.0, 123.0, "0 ± 120"),
         (-1e-9, 2e-9, "-1.0e-09 ± 2.0e-09"),
+        (1e-12, 2e-9, "0.0e+00 ± 2.0e-09"),  # it was 1e-12, a place of which nothing is known
+        (2e22, 1e12, "2.00000000000e+22 ± 1.0e+12"),  # it was 20000000000000000000000 ± 1000000000000
+        (-16.0, 2e12, "0.0e+00 ± 2.0e+12"),
+        (NAN, 0.1, "nan ± 0.10"),
+        (NAN, 1e-9, "nan ± 1.0e-09"),  # a traceback, as of an infinite value
+        (-math.inf, 1e-9, "-inf ± 1.0e-09"),
         (0.5, NAN, "0.5"),
         (0.5, 0.0, "0.5"),
     ],
