@@ -30,7 +30,7 @@ from aircraft_sysid_ros.commands import explain as explain_command
 from aircraft_sysid_ros.commands.explain import _mode_line
 from aircraft_sysid_ros.commands.main import main
 from aircraft_sysid_ros.diagnosis.compare import compare
-from aircraft_sysid_ros.diagnosis.flight.constant_errors import air_data_errors, offset_of
+from aircraft_sysid_ros.diagnosis.flight.constant_errors import Offset, air_data_errors, offset_of
 from aircraft_sysid_ros.diagnosis.flight.reconstruction import reconstruct, settled_flight
 from aircraft_sysid_ros.diagnosis.words import headline
 from aircraft_sysid_ros.errors import InputError
@@ -698,6 +698,18 @@ def test_of_a_vane_that_is_bent_in_flight_no_zero_is_given(aircraft, flight):
     assert (error.signal, error.kind) == ("sideslip", "offset that moves")
     assert error.value == pytest.approx(4.0, abs=4.0 * error.std)
     assert "fasten it" in error.words and "set its zero" not in error.words
+
+
+def test_an_instrument_error_ends_where_its_standard_error_does():
+    """Of a vane that was 2° off it was said that it reads 2.0 ± 0.0° too high."""
+    degree = np.pi / 180.0
+    words = instruments._offset("alpha", "It", -2.0123 * degree, 0.0321 * degree).words
+    assert words == "It reads 2.012 ± 0.032° too high: set its zero, or take 2.0° off"
+    assert "4.762 ± 0.018 % too low" in instruments._scale("V", "It", 0.05, 0.0002).words
+    halves = (Offset(value * degree, 0.0321 * degree, 0.0) for value in (1e-4, -2.0123))
+    assert "by 0.000 ± 0.032° in the first half of the flight and by +2.012 ± 0.032° in" in (
+        instruments._moved("alpha", "It", *halves).words
+    )
 
 
 def test_a_number_ends_where_its_error_does():

@@ -22,6 +22,7 @@ from aircraft_sysid_ros.aircraft.sensor_settings import CONTROLS
 from aircraft_sysid_ros.diagnosis.flight.constant_errors import Offset, air_data_errors, offset_of
 from aircraft_sysid_ros.diagnosis.measurement.setting import feigns_wind
 from aircraft_sysid_ros.effects.effect import with_setting
+from aircraft_sysid_ros.rounding import with_error
 from aircraft_sysid_ros.samples import Kind, Samples, first_and_last
 
 _DEGREES = 180.0 / np.pi
@@ -140,7 +141,7 @@ def _scale(signal: str, words: str, value: float, std: float) -> InstrumentError
     shown, spread = 100.0 * (1.0 / (1.0 + value) - 1.0), 100.0 * std / (1.0 + value) ** 2
     way = "too high" if shown > 0.0 else "too low"
     remedy = f"calibrate it, or divide it by {1 + shown / 100:.3f}"
-    text = f"{words} reads {abs(shown):.1f} ± {spread:.1f} % {way}: {remedy}"
+    text = f"{words} reads {with_error(abs(shown), spread)} % {way}: {remedy}"
     return InstrumentError(signal, "scale", shown, spread, text)
 
 
@@ -149,14 +150,14 @@ def _offset(signal: str, words: str, value: float, std: float) -> InstrumentErro
     shown, spread = -_DEGREES * value, _DEGREES * std
     way = "too high" if shown > 0.0 else "too low"
     remedy = f"take {shown:.1f}° off" if shown > 0.0 else f"add {-shown:.1f}°"
-    text = f"{words} reads {abs(shown):.1f} ± {spread:.1f}° {way}: set its zero, or {remedy}"
+    text = f"{words} reads {with_error(abs(shown), spread)}° {way}: set its zero, or {remedy}"
     return InstrumentError(signal, "offset", shown, spread, text)
 
 
 def _moved(signal: str, words: str, before: Offset, after: Offset) -> InstrumentError:
     """A constant that is another one in the second half of the flight; its number is the change."""
     first, second = (
-        f"{round(-_DEGREES * value, 1) + 0.0:+.1f} ± {_DEGREES * std:.1f}°" for value, std, _ in (before, after)
+        "+" * (value < 0.0) + with_error(-_DEGREES * value, _DEGREES * std) + "°" for value, std, _ in (before, after)
     )
     text = (
         f"{words} is wrong by {first} in the first half of the flight and by {second} in the second: it moves, so no "
