@@ -72,8 +72,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     result = dict(found.json)
     if not args.aircraft and result["run"]:
         file = Path(result["run"]) / AIRCRAFT
-        copy = "write what else is known into a copy of it, and give that with --aircraft"
-        result["notes"] = [*result["notes"], f"no aircraft file was given, and {file} is one: {copy}"]
+        copy = "add what else is known to a copy of it, and give that with --aircraft"
+        result["notes"] = [*result["notes"], f"no aircraft file was given; {file} holds the numbers you gave: {copy}"]
     return result
 
 

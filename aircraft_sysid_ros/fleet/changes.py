@@ -9,9 +9,9 @@ errors. Three models of a series are fitted with random effects (``random_effect
 
 each with a part c (V_i / V - 1) where the airspeed of the flights differs by enough. The p-value of a jump is that of
 its best date times the number of dates (Bonferroni), that of a change the smaller one of drift and jump times two. The
-likelihood says which of the two it is, with half of log n off for the date. One flight that is far off is no jump: it
-must be there without any one of the flights, too. Over all series of a fleet changes are named at a false discovery
-rate (Benjamini and Hochberg, 1995).
+likelihood says which of the two it is, with half of log n off for the date. One flight that is far off is no jump: a
+jump must also hold when any one of the flights is left out. Over all series of a fleet changes are named at a false
+discovery rate (Benjamini and Hochberg, 1995).
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ DRIFT, JUMP = "drift", "jump"
 RATE = 0.05
 #: Flights of a series, and on either side of a jump.
 FEWEST, FEWEST_BESIDE = 6, 2
-#: p-value that a jump has at most without any one of the flights.
+#: Largest p-value of a jump with any one of the flights left out.
 _WITHOUT_ONE = 0.01
 #: Flights of a mean that is compared with those of other airframes.
 FEWEST_OF_A_MEAN = 2
@@ -109,8 +109,9 @@ def _with_step(base: Array, first: int) -> Array:
 
 
 def _rests_on_one_flight(series: Series, base: Array, first: int, between_square: float) -> bool:
-    """Whether a jump is gone without one of the flights: of 50, one that is far off is half of a jump of the last two,
-    with a p-value of one of a million.
+    """Whether a jump is gone once one of the flights is left out.
+
+    Of 50 flights whose last one is far off, the last two look like a jump, with a p-value of one in a million.
     """
     columns = _with_step(base, first)
     others = (np.arange(len(series)) != k for k in range(len(series)))

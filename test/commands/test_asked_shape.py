@@ -66,4 +66,4 @@ def test_where_the_aircraft_file_is_of_which_notes_speak_is_said(monkeypatch, tm
         args = build_parser("explain").parse_args(["explain", str(log), "--out", "page", *words])
         assert len(explain.run(args)["notes"]) == count
     args = build_parser("explain").parse_args(["explain", str(log), "--out", "page", *shape])
-    assert "page/run/aircraft.yaml is one" in explain.run(args)["notes"][-1]
+    assert "page/run/aircraft.yaml holds the numbers you gave" in explain.run(args)["notes"][-1]
