@@ -64,7 +64,10 @@ class LiveFlight:
 
     @property
     def found_earlier(self) -> bool:
-        """Whether what was found missing is of another model, or the node knows nothing of it: it was started again."""
+        """Whether what was found missing is of another model, or the node no longer knows of it.
+
+        It was started again, or its model was changed and changed back.
+        """
         found = self.missing
         return found is not None and (found["model"] != self.model or self.verdict not in ("", found["verdict"]))
 

@@ -138,7 +138,7 @@ class LiveWhyPanel(SidePanel):
         words = found["advice"]
         if stale:
             self._verdict.text = EARLIER if of_model else "Found earlier"
-            found_by = f"for model {found['model']}" if of_model else "before the node was started again"
+            found_by = f"for model {found['model']}" if of_model else "before the node last started over"
             words = f"This was found {found_by}. The node searches again by itself."
         self._words.show(typeset(words))
         with self._cards:
