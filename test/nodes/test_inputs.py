@@ -136,6 +136,7 @@ def test_what_comes_while_a_process_catches_up_keeps_its_order_too(pair, bench):
                 publish(number, 0)
             publish(600, 1)
             publish(601, 0)
+            time.sleep(0.03)  # longer than what it may be behind
 
     inputs[0]._receive = busy
     for number in range(300):
