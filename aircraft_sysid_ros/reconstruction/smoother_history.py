@@ -83,16 +83,18 @@ class _Table:
     def __init__(self, width: int) -> None:
         self._width = width
         self._parts: list[Array] = []
+        self._size = 0  # [bytes]
         self._file: IO[bytes] | None = None
 
     def add(self, rows: Array) -> None:
-        """Take rows (n, width), which are not to be written to any more, before any are read.
+        """Take rows (n, width) before any are read. Neither they nor what they are the first of is to be used any more.
 
         Raises OSError where there is no room for them.
         """
         if not len(rows):
             return
-        if self._file is None and sum(part.nbytes for part in self._parts) + rows.nbytes > IN_MEMORY:
+        self._size += rows.nbytes
+        if self._file is None and self._size > IN_MEMORY:
             self._file = tempfile.TemporaryFile()  # noqa: SIM115
             for part in self._parts:
                 self._file.write(np.ascontiguousarray(part).data)
@@ -158,7 +160,7 @@ class SmootherHistory:
     def add(self, steps: Array, rows: Array, x: Array, p: Array, attitude_doubt: Array | None = None) -> None:
         """Steps (m, STEP_WIDTH) and rows (n, StateField.WIDTH), and the filtered state x (19,), p (18, 18) after them.
 
-        Steps stay where they are, and are not to be written to any more.
+        Steps stay where they are: neither they nor the array that they are the first of is to be used any more.
 
         ``attitude_doubt`` (3,): what the attitude of the recording may be off by then [rad].
 
