@@ -8,6 +8,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import time
 from contextlib import contextmanager
 
 import pytest
@@ -102,6 +103,8 @@ def open_page(chromium):
         page = context.new_page()
         page.on("pageerror", lambda error: wrong.append(str(error)))
         page.on("console", lambda message: wrong.append(message.text) if message.type == "error" else None)
+        page.on("console", lambda message: print(f"{time.strftime('%X')} page says: {message.text}"))  # if a test fails
+        page.on("framenavigated", lambda frame: print(f"{time.strftime('%X')} page is loaded: {frame.url}"))
         page.on("request", lambda request: asked.append(request.url))
         page.goto(address)
         page.wait_for_function("(n) => document.querySelectorAll('.grid2 .main-svg').length >= n", arg=plots)
